@@ -7,7 +7,9 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 from stopwatch import Stopwatch
 
 from demos.films.spinning_sheet import build
@@ -45,8 +47,20 @@ def choose_levels(levels: int) -> None:
     coarse_space.MAX_UNKNOWNS_ON_ONE_RANK = MANY if levels == 2 else 0
 
 
+def copying(A: PETSc.Mat) -> float:
+    """CPU seconds in which a matrix is copied, as PETSc copies the overlapping parts of several
+    ranks before it factorises them."""
+    blocks = A.getSize()[0] // A.getBlockSize()
+    rows = PETSc.IS().createBlock(A.getBlockSize(), np.arange(blocks, dtype=PETSc.IntType))
+    copies = A.createSubMatrices([rows], [rows])
+    started = time.process_time()
+    A.createSubMatrices([rows], [rows], copies)
+    return time.process_time() - started
+
+
 def profile(n: int = 40, steps: int = 3, dt: float = 1e-3) -> Figures:
-    """Where the time of a Newton iteration of the free sheet goes, in ten parts.
+    """Where the time of a Newton iteration of the free sheet goes, in ten parts, and the time of
+    a copy that several ranks make.
 
     The rest is the Krylov method itself, Newton's vectors, and what a step does once.  All clocks
     are of CPU time, as the machine may be shared.
@@ -57,6 +71,7 @@ def profile(n: int = 40, steps: int = 3, dt: float = 1e-3) -> Figures:
     watch = Stopwatch()
     run = build(MPI.COMM_WORLD, n, dt=dt).simulation()
     figures = watch.measure(run, steps * dt)
+    iterations = figures["Newton/step"] * figures["steps"]
     clocks = run.solver.newton.seconds
     # What the two levels need beyond the coarse space is the incomplete factorisation's.
     parts = {what: clocks[what] for what in ("law", "residual", "tangent")} | {
@@ -68,8 +83,8 @@ def profile(n: int = 40, steps: int = 3, dt: float = 1e-3) -> Figures:
         "applications": both.seconds["apply"] - coarse.seconds["solve"],
     }
     parts["rest"] = figures["cpu"] - sum(parts.values())
+    parts["copy for several ranks"] = iterations * copying(run.system.A)
     kept = ("cpu", "dofs", "steps", "Newton/step", "Krylov/Newton", "iteration [ms]")
-    iterations = figures["Newton/step"] * figures["steps"]
     return {name: figures[name] for name in kept} | {
         f"{what} [ms]": 1e3 * s / iterations for what, s in parts.items()
     }

@@ -2,9 +2,9 @@
 
 Parts of an iteration of the free sheet are timed on one core at two sizes.  Laws, forms, incomplete
 factorisations and vectors are linear functions of the unknowns of a rank; the constant is what the
-interpreter needs.  A rank also factorises what its part overlaps of others.  The costs of a
-V-cycle are linear, too, and its smoother overlaps by a patch.  The factorisation of the coarse
-matrix, which all ranks make, or of the last level of a V-cycle is timed for its size.
+interpreter needs.  Several ranks also copy their parts, and factorise what these overlap of others.
+The costs of a V-cycle are linear, too, and its parts overlap by as many patches.  The factorisation
+of the coarse matrix, which all ranks make, or of the last level of a V-cycle is timed for its size.
 
 Messages and reductions are those that `rank_counts` counts in a Krylov iteration.  Of the last
 levels the rank with most of them has one message each way for each large patch of its group, and
@@ -53,8 +53,8 @@ KRYLOV = 5.0
 NEIGHBOURS = 8
 # Solutions whose mean time is taken.
 SOLUTIONS = 20
-# Patches by which the smoothed parts of a V-cycle overlap.
-OVERLAP_OF_PATCHES = 1
+# Set-ups of the coarse space for one of Newton's iterations: one in a step.
+COARSE_SET_UPS = 0.27
 
 # A cluster, assumed: latency between nodes [s], and bandwidth of a node [bytes/s], 200 Gbit/s of
 # HDR InfiniBand, that its ranks share.  A reduction takes ⌈log2 ranks⌉ latencies (doubling:
@@ -83,6 +83,7 @@ class Model:
         self.forms = self._line(sheets, "law", "residual", "tangent")
         self.vectors = self._line(sheets, "rest")
         self.factors = self._line(sheets, "incomplete factorisation")
+        self.copies = self._line(sheets, "copy for several ranks")
         self.applications = self._line(sheets, "applications", per_krylov=True)
         self.coarse_matrix = self._line(sheets, "coarse matrix")
         self.prolongations = self._line(sheets, "prolongations", per_krylov=True)
@@ -127,21 +128,22 @@ class Model:
         if len(levels) > 1:
             side_in_patches = math.sqrt(levels[0] / COARSE_UNKNOWNS_OF_PATCH / ranks)
             cycle = (self.cycle_set_up.slope + krylov * self.cycle.slope) * own
-            cycle *= _enlargement(side_in_patches, OVERLAP_OF_PATCHES, ranks)
+            cycle *= _enlargement(side_in_patches, OVERLAP, ranks)
             constant += self.cycle_set_up.constant + krylov * self.cycle.constant
             sent = sides * side_in_patches * COARSE_UNKNOWNS_OF_PATCH * BYTES_OF_NUMBER
             more = MESSAGES_TO_NEIGHBOUR[len(levels)] - MESSAGES_TO_NEIGHBOUR[1]
             messages += more * (neighbours * LATENCY + sent / BANDWIDTH)
             messages += 2 * _partners_of_last_levels(levels, ranks) * LATENCY
         factors, solution = factorised(levels[-1])
+        copies = self.copies.slope if ranks > 1 else 0.0
         return {
             "laws and forms": self.forms.slope * own,
-            "incomplete factors": self.factors.slope * with_overlap
-            + krylov * self.applications.slope * with_overlap,
+            "incomplete factors": with_overlap
+            * (copies + self.factors.slope + krylov * self.applications.slope),
             "vectors": self.vectors.slope * own,
             "coarse matrix": (self.coarse_matrix.slope + krylov * self.prolongations.slope) * own,
             "V-cycle": cycle,
-            "last level": factors + krylov * solution,
+            "last level": COARSE_SET_UPS * factors + krylov * solution,
             "messages": krylov * messages,
             "reductions": krylov * REDUCTIONS[len(levels)] * reduction,
             "interpreter": constant,

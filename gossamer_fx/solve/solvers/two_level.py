@@ -25,8 +25,9 @@ Therefore L starts with two levels, and gets six when a solve has taken many ite
 Several ranks factorise parts that overlap by three cells (additive Schwarz); without overlap the
 number of iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
 
-Cost.  An application is one product with A, one solve with L and one coarse solve.  The set-up of L
-is most of the cost of a Newton iteration; (Pᵀ A P) is set up about once a step.
+Cost.  An application is one product with A, one solve with L and one coarse solve, and a Krylov
+iteration makes one of them.  The set-up of L is most of the cost of a Newton iteration; (Pᵀ A P) is
+set up about once a step.
 
 Limits.  L needs a diagonal without zeros, so that Lagrange multipliers are eliminated first
 (`solvers.condensed_constraints`, `solvers.eliminated_joints`), or the matrix is factorised.
