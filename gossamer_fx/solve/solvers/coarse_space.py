@@ -28,10 +28,10 @@ Algorithm.
 
    with Pᵀ A P factorised by MUMPS, on every rank as a whole.
 6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, its inverse is replaced by one
-   V-cycle of PETSc's multigrid.  Its levels are affine functions on large patches, P2, and where
-   these are many on groups of them, P3, which cross the boundaries of ranks.  They are linear
-   combinations of those on the patches below, so that Pᵀ P2 and P2ᵀ P3 take one level to the next.
-   One rank factorises the matrix of the last level.
+   V-cycle of PETSc's multigrid that smooths on the way up only.  Its levels are affine functions
+   on large patches, P2, and where these are many on groups of them, P3, which cross the boundaries
+   of ranks.  They are linear combinations of those on the patches below, so that Pᵀ P2 and P2ᵀ P3
+   take one level to the next.  One rank factorises the matrix of the last level.
 
 Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511)
 without smoothing.
@@ -76,9 +76,9 @@ NODES_PER_PATCH = 100
 BEAM_PATCH_RATIO = 0.08
 
 # Coarse unknowns, times ranks, up to which the coarse matrix is factorised; the V-cycle divides
-# among ranks.  With 17 thousand coarse unknowns (300 thousand unknowns) a step of a sheet takes
-# 5.0 s of CPU time by the factorisation and 5.7 s by the V-cycle on one rank, 10.7 and 9.1 s on
-# two.  On eight ranks 44 thousand unknowns take 16 and 20 Krylov iterations a step.
+# among ranks.  With 17 thousand coarse unknowns (300 thousand unknowns) on one rank a Krylov
+# iteration, with its share of the set-ups, takes 92 ms by the factorisation and 85 ms by the
+# V-cycle.  On eight ranks 44 thousand unknowns take 16 and 19 Krylov iterations a step.
 MAX_UNKNOWNS_FACTORISED = 20_000
 
 # Largest number of nodes in a large patch, and of large patches in a group.  With 78 thousand
@@ -93,9 +93,13 @@ MAX_UNKNOWNS_ON_ONE_RANK = 1000
 
 # Levels of fill of the V-cycle's smoothers, incomplete factorisations, which are applied on the way
 # up only.  Another application on the way down doubles time and messages, and saves nothing: with
-# 44 thousand unknowns one rank takes 20 instead of 19.5 Krylov iterations to 1e-8.  Eight ranks
-# take 26, if their parts overlap by three patches, 27 with two, 28 with one and that application.
+# 44 thousand unknowns one rank takes 20 instead of 19.5 Krylov iterations to 1e-8.
 SMOOTHER_LEVELS = 2
+
+# Patches by which the smoothed parts of ranks overlap.  Eight ranks take 27 of those iterations,
+# with three patches 26, with one and the other application 28.  With ten thousand unknowns a rank,
+# parts that overlap by two patches are twice as large as without, by three patches three times.
+SMOOTHER_OVERLAP = 2
 
 # Eigenvalues of a Gram matrix below this fraction of the largest one are dropped: the patch is flat
 # or straight in their direction, up to a thirtieth of its extent.
@@ -218,14 +222,14 @@ def _choose_multigrid(pc: PETSc.PC, interpolations: list[PETSc.Mat]) -> None:
     last = "mg_coarse_"
     if several_ranks:
         choices["mg_levels_pc_type"] = "asm"
-        choices["mg_levels_pc_asm_overlap"] = factorisation.OVERLAP
+        choices["mg_levels_pc_asm_overlap"] = SMOOTHER_OVERLAP
         smoother = "mg_levels_sub_"
         # One rank has the matrix of the last level.
         choices["mg_coarse_pc_type"] = "telescope"
         choices["mg_coarse_pc_telescope_reduction_factor"] = pc.comm.size
         last = "mg_coarse_telescope_"
+    # By PETSc: a solution by MUMPS takes 0.2 ms, however small the matrix.
     choices[last + "pc_type"] = "lu"
-    choices[last + "pc_factor_mat_solver_type"] = "mumps"
     choices[smoother + "pc_type"] = "ilu"
     choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
     options = PETSc.Options(prefix)
