@@ -27,15 +27,13 @@ W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `c
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from dolfinx import fem
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Body
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
     End,
@@ -122,6 +120,7 @@ class GasNetwork(ScalarUnknowns):
             for item in items
             if isinstance(item, Wall)
         ]
+        self.geometry.compile()
         self._process = ADIABATIC
         self.balance = compile_balance(self.contents, self._passages, self._walls, system.comm)
         self.size = n + len(self.contents.gases)
@@ -212,10 +211,13 @@ class GasNetwork(ScalarUnknowns):
         """Take the initial volumes [m³], and from them mass [kg] and energy [J] of each chamber.
         Collective.  `InputError`: a chamber encloses no volume, or a negative one."""
         self.geometry.follow()
-        self.geometry.accept()
         for state in self.chambers:
             if state.enclosure is not None:
                 state.enclosure.start()
+        # Again, as normals may have been turned.
+        self.geometry.follow()
+        self.geometry.accept()
+        for state in self.chambers:
             state.volume = _volume(state)
             check(
                 state.volume > 0,
@@ -295,10 +297,8 @@ class GasNetwork(ScalarUnknowns):
             if state.enclosure is not None:
                 state.enclosure.add_force(values)
 
-    def tangents(self, body: Body) -> Iterable[fem.Form]:
-        yield from self.geometry.tangents(body)
-
     def add_tangents(self, A: PETSc.Mat) -> None:
+        self.geometry.add_tangents(A)
         for state in self.chambers:
             if state.enclosure is not None:
                 state.enclosure.add_tangents(A)
