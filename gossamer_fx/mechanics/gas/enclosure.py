@@ -76,7 +76,7 @@ class CompiledEnclosure(Protocol):
 
     def add_force(self, values: Array) -> None:
         """Subtract the force of the gas, pressure · G(q_mid) [N], from the owned part of a
-        residual."""
+        residual, except what `Geometry.add_forces` subtracts."""
         ...
 
     def gradients(self) -> tuple[Array, Array, Array]:
@@ -284,14 +284,15 @@ class CompiledSurface:
     def set_pressure(self, pressure: float) -> None:
         self._surfaces.pressures[self._index] = pressure
 
-    def add_force(self, values: Array) -> None:
-        self._surfaces.add_force(self._index, values)
-
     def gradients(self) -> tuple[Array, Array, Array]:
         return self._surfaces.gradients(self._index)
 
+    # `Geometry` adds forces and tangents of all surfaces at once.
+
+    def add_force(self, values: Array) -> None:
+        pass
+
     def add_tangents(self, A: PETSc.Mat) -> None:
-        # `Geometry.add_tangents` adds those of all surfaces at once.
         pass
 
 

@@ -27,6 +27,7 @@ W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `c
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -141,6 +142,9 @@ class GasNetwork(ScalarUnknowns):
         self._residual: Array = np.zeros(self.size)
         self.scale: Array = np.ones(self.size)
         self._accepted_magnitude: Array = np.zeros(n)
+        # Of the step: pressures at its start, and on the outer side of enclosures [Pa]
+        self._start_pressures: Array = np.zeros(n)
+        self._outside_pressures: Array = np.zeros(n)
         # Energy [J] and mass of each species [kg] from boundaries and walls since the start
         self._supplied = 0.0
         self._mass_supplied: Array = np.zeros(len(self.contents.species))
@@ -249,6 +253,8 @@ class GasNetwork(ScalarUnknowns):
         masses = self._masses()
         energies = np.array([state.internal_energy for state in self.chambers])
         volumes = np.array([state.volume for state in self.chambers])
+        self._start_pressures = pressures
+        self._outside_pressures = np.array([_outside_pressure(state) for state in self.chambers])
         for passage, valve in self._switches:
             first, second = passage.ends
             acting = (self._pressure_at(first), self._pressure_at(second))
@@ -273,18 +279,21 @@ class GasNetwork(ScalarUnknowns):
         self._proposed = y
         self.scale = self.balance.scales(self.y, self.volumes, self._magnitude)
         self._residual = self.balance.residual(self.y, self.volumes, self.swept) / self.scale
+        # The pressure that acts in the step: p̄ for the midpoint rule, p1 at the end of the step.
+        end_pressures = self.y[: len(self.chambers)]
+        acting = (1 - self._alpha) * self._start_pressures + self._alpha * end_pressures
+        difference = acting - self._outside_pressures
         for k, enclosure in self._enclosures.items():
-            state = self.chambers[k]
-            acting = self._acting_pressure(state.pressure, float(self.y[k]))
-            enclosure.set_pressure(acting - _outside_pressure(state))
+            enclosure.set_pressure(float(difference[k]))
         return self._residual
 
     def _solve_at_iterate(self, y: Array) -> Array:
         """Return the solution y of the gas balance at the volumes of the iterate, or the proposed y
         itself if it or the volumes are not finite, a volume is not positive, or no solution is
         found."""
-        finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
-        if not (finite and (self.volumes > 0).all()):
+        # A sum is finite if all of its terms are; a volume that is NaN is not positive.
+        total = y.sum() + self.volumes.sum() + self.swept.sum()
+        if not (math.isfinite(total) and self.volumes.min() > 0):
             return y
         # Newton's update of y belongs to the y that was proposed; it is applied to the y that was
         # used.
@@ -295,6 +304,7 @@ class GasNetwork(ScalarUnknowns):
 
     def add_force(self, values: Array) -> None:
         """Subtract the forces of all chambers [N] from the owned part of a residual."""
+        self.geometry.add_forces(values)
         for enclosure in self._enclosures.values():
             enclosure.add_force(values)
 
@@ -511,11 +521,6 @@ class GasNetwork(ScalarUnknowns):
             passage.was_open = was_open
 
     # ---- chambers --------------------------------------------------------------------------------
-
-    def _acting_pressure(self, start: float, end: float) -> float:
-        """The pressure [Pa] that acts in the step: p̄ for the midpoint rule, p1 at the end of the
-        step."""
-        return (1 - self._alpha) * start + self._alpha * end
 
     def _measure(self) -> Array:
         """Volumes at the iterate, rigid parts included, volumes that the enclosures sweep in the

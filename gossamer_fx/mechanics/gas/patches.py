@@ -288,10 +288,10 @@ class ChamberSurfaces:
         change = at_end - self._at_start[c, : self._owned]
         return at_mid, at_end, at_mid + self._system.rule.alpha * change
 
-    def add_force(self, c: int, values: Array) -> None:
-        """Subtract the force of chamber c, pressure · G_c(q̄) [N], from the owned part of a
+    def add_forces(self, values: Array) -> None:
+        """Subtract the forces of all chambers, pressure · G_c(q̄) [N], from the owned part of a
         residual."""
-        values -= self.pressures[c] * self._at_mid[c, : self._owned]
+        values -= self.pressures @ self._at_mid[:, : self._owned]
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the derivative of the forces of all `pressures` [Pa] by the end of the step to the

@@ -100,6 +100,11 @@ class Geometry:
         for moving in self._moving:
             moving.accept()
 
+    def add_forces(self, values: Array) -> None:
+        """Subtract the forces of all surfaces [N] from the owned part of a residual."""
+        if self.surfaces.count:
+            self.surfaces.add_forces(values)
+
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the derivative of the forces of all surfaces to the tangent of the system."""
         if self.surfaces.count:
