@@ -418,7 +418,7 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
     )
 
 
-class BlockEntries:
+class FixedBlocks:
     """Blocks of three rows and columns at fixed places of a matrix, entered in one call."""
 
     def __init__(self, numbering: Numbering, rows: GlobalIndices, columns: GlobalIndices) -> None:

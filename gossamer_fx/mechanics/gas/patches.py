@@ -34,7 +34,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
-from gossamer_fx.core.algebra.point_measures import BlockEntries, Gather
+from gossamer_fx.core.algebra.point_measures import FixedBlocks, Gather
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
 from gossamer_fx.core.model.body import Array
@@ -137,7 +137,7 @@ class ChamberSurfaces:
         keys, blocks = np.unique(
             np.concatenate([one.ravel() for one in pairs]), return_inverse=True
         )
-        self._entries = BlockEntries(numbering, keys // numbering.size, keys % numbering.size)
+        self._entries = FixedBlocks(numbering, keys // numbering.size, keys % numbering.size)
 
         self._c = c_library(HEADER, system.comm)
         self._allocate(self._owned + 3 * len(ghosts), len(keys))

@@ -226,11 +226,11 @@ class Loop:
         interval = basix.CellType.interval
         # Degree of (3) along a strip: order - 1 of x,s, order of x,r and order of w.
         degree_along = 3 * order - 1
-        s, weights_s = _quadrature(degree_along)
-        r, weights_r = _quadrature(QUADRATURE_DEGREE_ACROSS)
+        s, weights_s = quadrature(degree_along)
+        r, weights_r = quadrature(QUADRATURE_DEGREE_ACROSS)
         element: Any = basix.create_element(basix.ElementFamily.P, interval, order)
-        N, dN = element.tabulate(1, s)[..., 0]
-        across = np.concatenate([1 - r, r], axis=1)
+        N, dN = element.tabulate(1, s[:, None])[..., 0]
+        across = np.stack([1 - r, r], axis=1)
         across_slope = np.broadcast_to([-1.0, 1.0], across.shape)
 
         def at_points(along: Array, sideways: Array) -> Array:
@@ -317,10 +317,10 @@ class Loop:
         return self._ds @ corners, self._dr @ corners
 
 
-def _quadrature(degree: int) -> tuple[Array, Array]:
-    """Points (g, 1) and weights (g,) on the interval [0, 1], exact for polynomials of a degree."""
+def quadrature(degree: int) -> tuple[Array, Array]:
+    """Points and weights (g,) on the interval [0, 1], exact for polynomials of a degree."""
     points, weights = basix.make_quadrature(basix.CellType.interval, degree)
-    return np.asarray(points), np.asarray(weights)
+    return np.asarray(points).ravel(), np.asarray(weights)
 
 
 def _lowest(points: Array) -> int:

@@ -29,7 +29,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import basix
 import numpy as np
 
 from gossamer_fx.core.checks.errors import check
@@ -42,15 +41,13 @@ from gossamer_fx.mechanics.gas.enclosure import (
     all_triangles,
 )
 from gossamer_fx.mechanics.gas.patches import Patches, Side, is_owned, triangles
+from gossamer_fx.mechanics.gas.ring import QUADRATURE_DEGREE_ACROSS, quadrature
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 # Parts of an edge that are shorter than this fraction of the seam are left out: the strip has no
 # gap there.
 SHORTEST_SEGMENT = 1e-12
-
-# The volume of a strip is quadratic across it, see `gas.ring`.
-QUADRATURE_DEGREE_ACROSS = 2
 
 
 def seam_patches(line_a: EdgeLine, line_b: EdgeLine, system: Assembly) -> Patches:
@@ -67,8 +64,8 @@ def seam_patches(line_a: EdgeLine, line_b: EdgeLine, system: Assembly) -> Patche
     begins = cuts[:-1][is_long]
     ends = cuts[1:][is_long]
     order = max(line_a.order, line_b.order)
-    s, weights_s = _quadrature(3 * order - 1)
-    r, weights_r = _quadrature(QUADRATURE_DEGREE_ACROSS)
+    s, weights_s = quadrature(3 * order - 1)
+    r, weights_r = quadrature(QUADRATURE_DEGREE_ACROSS)
     nodes = []
     values = []
     along = []
@@ -246,9 +243,3 @@ def _at_points(along: Array, sideways: Array) -> Array:
     """Products (n, g, k) of functions along a segment (n, s, k) and across it (r,)."""
     products = np.einsum("nsk,r->nsrk", along, sideways.ravel())
     return products.reshape(len(along), -1, along.shape[2])
-
-
-def _quadrature(degree: int) -> tuple[Array, Array]:
-    """Points and weights (g,) on [0, 1], exact for polynomials of a degree."""
-    points, weights = basix.make_quadrature(basix.CellType.interval, degree)
-    return np.asarray(points).ravel(), np.asarray(weights)
