@@ -77,7 +77,8 @@ def triangles(film: Membrane, cells: npt.NDArray[np.int32], system: Assembly) ->
     nodes = cell_nodes(film.space)[cells]
     numbers = film.block.index_map.local_to_global(nodes.ravel())
     first = system.block(film).to_global(numbers)[:, 0]
-    return Patches(first.reshape(nodes.shape), along, across, values * weights[:, None])
+    test = values * np.asarray(weights)[:, None]
+    return Patches(first.reshape(nodes.shape), along, across, test)
 
 
 def is_owned(indices: GlobalIndices, numbering: Numbering) -> npt.NDArray[np.bool_]:
@@ -179,7 +180,7 @@ class ChamberSurfaces:
         chamber, patches, sign = side
         count, k = nodes.shape
         points = patches.test.shape[-2]
-        shape = (points, k)
+        shape: tuple[int, ...] = (points, k)
         if patches.test.ndim == 3:
             shape = (count, points, k)
         check_indices("The nodes of patches", nodes, len(self._end) - 2)
@@ -194,7 +195,7 @@ class ChamberSurfaces:
                 "count": count,
                 "node_count": k,
                 "point_count": points,
-                "table_stride": points * k if patches.test.ndim == 3 else 0,
+                "table_stride": points * k if len(shape) == 3 else 0,
                 "chamber": chamber,
                 "sign": sign,
                 "nodes": self._c.array("nodes", nodes, "int32", (count, k)),
