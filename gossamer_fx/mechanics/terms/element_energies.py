@@ -78,13 +78,9 @@ from petsc4py import PETSc
 from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.forms.backend import (
-    add_to_vector,
-    cell_nodes,
-    interpolation_points,
-    tabulation,
-)
+from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.c_source import c_library
+from gossamer_fx.core.forms.cell_loops import assembly, tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
@@ -126,14 +122,17 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
                 self._viscous.append(self._viscous_forces(term, at, system.rule))
         self.elements: list[ElementForces] = [*self._stored, *self._viscous]
         self._forms: list[ElementForms] = []
+        # One vector for each body, its array, and what assembles all of its terms to it.
+        self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
+        self._arrays = {body: b.array for body, b in self._forces.items()}
+        self._assemble: list[Callable[[], None]] = []
         for alike in _with_one_measure(self.elements):
             _share_strains(alike)
             at = system.coordinates[alike[0].term.body]
-            self._forms.append(ElementForms(alike, at, system.rule))
+            forms = ElementForms(alike, at, system.rule)
+            self._forms.append(forms)
+            self._assemble.append(assembly(forms.residual, self._arrays[forms.body]))
         self.losses = [force.term.name for force in self._viscous]
-        # One vector for each body, to which all of its terms are assembled, and its array.
-        self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
-        self._arrays = {body: b.array for body, b in self._forces.items()}
 
     def _viscous_forces(
         self, term: ViscousDissipation, at: Coordinates, rule: StressRule
@@ -169,8 +168,8 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             array[:] = 0
         for force in self._stored:
             force.respond()
-        for forms in self._forms:
-            add_to_vector(self._arrays[forms.body], forms.residual)
+        for assemble in self._assemble:
+            assemble()
         with r as values:
             for body, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
