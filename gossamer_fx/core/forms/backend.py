@@ -65,6 +65,7 @@ __all__ = [
     "facets_of",
     "gmsh_order",
     "interpolation_points",
+    "is_cell_integral",
     "loaded_kernel",
     "pack_constants",
     "submesh_of",
@@ -230,12 +231,18 @@ def values_and_rows(function: Any) -> tuple[Array, Indices]:
     return function.x.array.reshape(-1, dofmap.bs), dofmap.map()
 
 
-def cell_integral(form: fem.Form) -> tuple[Any, Indices]:
-    """The compiled integral of a form that is one integral over owned cells, and their local
-    numbers; `ValueError`: it is not."""
+def is_cell_integral(form: fem.Form) -> bool:
+    """Whether a form is one integral over cells."""
     kind = fem.IntegralType.cell
-    if form.integral_types != {kind} or len(form._cpp_object.integral_ids(kind)) != 1:
+    return form.integral_types == {kind} and len(form._cpp_object.integral_ids(kind)) == 1
+
+
+def cell_integral(form: fem.Form) -> tuple[Any, Indices]:
+    """The compiled integral of a form that is one over owned cells, and their local numbers;
+    `ValueError`: it is not."""
+    if not is_cell_integral(form):
         raise ValueError("The form is not one integral over cells.")
+    kind = fem.IntegralType.cell
     (number,) = form._cpp_object.integral_ids(kind)
     cells = np.asarray(form._cpp_object.domains(kind, number), dtype=np.int32)
     return form.ufcx_form.form_integrals[0], cells

@@ -27,7 +27,7 @@ from gossamer_fx.core.forms.backend import (
     pack_constants,
     values_and_rows,
 )
-from gossamer_fx.core.forms.c_source import CLibrary, c_library, check_indices
+from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
 
 # Its functions are declared in this header.
 HEADER = Path(__file__).parent / "cells.h"
@@ -165,35 +165,39 @@ class PreparedFunction:
         if self._constants.size:
             self._constants[:] = self._function.constants()
 
-    def applied(self, name: str, to: CellValues) -> Callable[[], None]:
-        """Return what calls a C loop, "set_in_cells" or "add_in_cells", with the values of the
-        function."""
+    def applied(self, loop: str, to: CStruct, width: int) -> Callable[[], int | None]:
+        """Return what calls a C loop, such as "set_in_cells", of the function: where its results
+        go, and how many numbers they are in one cell."""
         c = self._cells.library
         function = c.struct("cell_function", self.fields)
         cells = c.struct("cell_set", self._cells.fields)
-        values = c.struct("cell_values", to.fields(c))
-        work = self._cells.work(to.width)
-        loop = getattr(c.lib, name)
+        work = self._cells.work(width)
+        call = getattr(c.lib, loop)
 
-        def apply() -> None:
+        def apply() -> int | None:
             self.read_constants()
-            loop(function.pointer, cells.pointer, values.pointer, work)
+            return call(function.pointer, cells.pointer, to.pointer, work)
 
         return apply
 
+    def applied_to(self, loop: str, to: CellValues) -> Callable[[], int | None]:
+        """`applied` for the loops "set_in_cells" and "add_in_cells"."""
+        c = self._cells.library
+        return self.applied(loop, c.struct("cell_values", to.fields(c)), to.width)
 
-def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[[], None]:
+
+def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[[], int | None]:
     """Return what sets a function, whose space stores values at points of cells, to the values of
     an expression that was compiled for these points, in all cells, ghosts included.  Collective."""
     space = at_points.function_space
     cells = Cells(space.mesh, np.arange(len(space.dofmap.list), dtype=np.int32))
     function = PreparedFunction(cell_function(expression), cells, {})
-    return function.applied("set_in_cells", cells.values_of(at_points._cpp_object))
+    return function.applied_to("set_in_cells", cells.values_of(at_points._cpp_object))
 
 
-def assembly(form: fem.Form, values: Array) -> Callable[[], None]:
-    """Return what adds a compiled linear form, one integral over cells, to an array over the owned
-    and ghost unknowns of its space.  Collective."""
+def prepared_integral(form: fem.Form) -> tuple[PreparedFunction, Cells, Indices]:
+    """The C function of a compiled form that is one integral over cells, the cells, and the rows of
+    the nodes of its space there (cells, k).  Collective."""
     integral, numbers = cell_integral(form)
     cells = Cells(form.mesh, numbers)
     function = CellFunction(
@@ -202,6 +206,13 @@ def assembly(form: fem.Form, values: Array) -> Callable[[], None]:
         constants=lambda: pack_constants(form),
         owner=form,
     )
-    dofmap = form.function_spaces[0].dofmap
-    to = CellValues(values.reshape(-1, dofmap.bs), dofmap.map()[cells.numbers])
-    return PreparedFunction(function, cells, {}).applied("add_in_cells", to)
+    rows = form.function_spaces[0].dofmap.map()[cells.numbers]
+    return PreparedFunction(function, cells, {}), cells, rows
+
+
+def assembly(form: fem.Form, values: Array) -> Callable[[], int | None]:
+    """Return what adds a compiled linear form, one integral over cells, to an array over the owned
+    and ghost unknowns of its space.  Collective."""
+    function, _, rows = prepared_integral(form)
+    size = form.function_spaces[0].dofmap.bs
+    return function.applied_to("add_in_cells", CellValues(values.reshape(-1, size), rows))

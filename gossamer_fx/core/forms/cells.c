@@ -81,3 +81,43 @@ void add_in_cells(const cell_function *f, const cell_set *cells, const cell_valu
         }
     }
 }
+
+/* PETSc's MatSetValuesBlocked with 32 bits for an index, and its ADD_VALUES. */
+typedef int (*set_values)(void *, int32_t, const int32_t *, int32_t, const int32_t *,
+                          const double *, int);
+enum { ADD = 2 };
+
+/* Add one block of a row-major matrix of some width to a block that is stored by columns. */
+static inline void add_block(double *block, const double *entries, ptrdiff_t width, ptrdiff_t size)
+{
+    for (ptrdiff_t i = 0; i < size; i++)
+        for (ptrdiff_t j = 0; j < size; j++) block[j * size + i] += entries[i * width + j];
+}
+
+int add_to_blocks(const cell_function *f, const cell_set *cells, const block_matrix *to,
+                  double *work)
+{
+    const ptrdiff_t size = to->size;
+    const ptrdiff_t k = to->node_count;
+    const ptrdiff_t width = k * size;
+    for (ptrdiff_t cell = 0; cell < cells->count; cell++) {
+        call(f, cells, cell, work, width * width);
+        const int32_t *positions = to->positions + cell * k * k;
+        if (positions[0] < 0) {
+            const int32_t *rows = to->rows + cell * k;
+            const int error = ((set_values)to->set_values)(
+                (void *)to->matrix, (int32_t)k, rows, (int32_t)k, rows, work, ADD);
+            if (error) return error;
+            continue;
+        }
+        for (ptrdiff_t i = 0; i < k; i++)
+            for (ptrdiff_t j = 0; j < k; j++) {
+                double *block = to->values + positions[i * k + j] * size * size;
+                const double *entries = work + i * size * width + j * size;
+                /* The compiler unrolls loops of known length. */
+                if (size == 3) add_block(block, entries, width, 3);
+                else add_block(block, entries, width, size);
+            }
+    }
+    return 0;
+}

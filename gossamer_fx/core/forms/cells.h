@@ -42,4 +42,21 @@ void set_in_cells(const cell_function *f, const cell_set *cells, const cell_valu
 void add_in_cells(const cell_function *f, const cell_set *cells, const cell_values *to,
                   double *work);
 
+/* Blocks of a matrix, of which this rank owns some rows and columns; k is node_count. */
+typedef struct {
+    ptrdiff_t size;            /* unknowns of a node */
+    ptrdiff_t node_count;
+    double *values;            /* (blocks, size, size), each block column by column */
+    const int32_t *positions;  /* (c, k, k) the block of two nodes; the first is -1 in a cell with
+                                  nodes of other ranks */
+    const int32_t *rows;       /* (c, k) numbers of the nodes in the matrix */
+    uintptr_t matrix;          /* PETSc's matrix, and MatSetValuesBlocked */
+    uintptr_t set_values;
+} block_matrix;
+
+/* Add the values of a function of pairs of nodes in all cells, work (values of one cell); returns
+   PETSc's number of an error, or zero. */
+int add_to_blocks(const cell_function *f, const cell_set *cells, const block_matrix *to,
+                  double *work);
+
 #endif

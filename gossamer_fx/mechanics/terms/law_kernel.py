@@ -62,7 +62,7 @@ class LawFunctions:
     responses: tuple[CellFunction, ...]
     sort: CellFunction | None
     density: CellFunction
-    refresh: Callable[[], None]
+    refresh: Callable[[], object]
 
 
 def law_functions(
@@ -241,7 +241,7 @@ class PointLaw:
     def density(self, values: Array) -> None:
         """Evaluate the energy density at the strains of the start of the step: `values` (q,)."""
         to = CellValues(values.reshape(-1, 1), self._values.rows)
-        self._density.applied("set_in_cells", to)()
+        self._density.applied_to("set_in_cells", to)()
 
     # ---- what the kernel reads -------------------------------------------------------------------
 
