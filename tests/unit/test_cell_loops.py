@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.block_entries import block_assembly
 from gossamer_fx.core.algebra.numbering import Numbering
-from gossamer_fx.core.forms.backend import add_to_matrix, add_to_vector, is_cell_integral
+from gossamer_fx.core.forms.backend import add_to_matrix, add_to_vector, cell_integral
 from gossamer_fx.core.forms.cell_loops import assembly, tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.model.body import Block
@@ -125,10 +125,12 @@ def test_tangents_are_those_of_dolfinx(comm, size: int, neighbour: int | None) -
         assert own.norm() < 1e-13 * scale
 
 
-def test_forms_of_edges_are_no_integral_over_cells(comm) -> None:
+def test_forms_of_edges_are_added_by_dolfinx(comm) -> None:
     problem = Problem(comm, 3)
-    edges = ufl.inner(problem.u, problem.w) * ufl.ds
-    assert is_cell_integral(compile_form(problem.force))
-    assert not is_cell_integral(compile_form(edges))
-    with pytest.raises(ValueError, match="not one integral over cells"):
-        assembly(compile_form(edges + problem.force), np.zeros_like(problem.u.x.array))
+    edges = compile_form(ufl.inner(problem.u, problem.w) * ufl.ds + problem.force)
+    assert cell_integral(edges) is None
+    own, expected = np.zeros((2, len(problem.u.x.array)))
+    assembly(edges, own)()
+    add_to_vector(expected, edges)
+    assert own.any()
+    assert np.array_equal(own, expected)

@@ -20,19 +20,19 @@ from petsc4py import PETSc
 from gossamer_fx.core.forms.cell_loops import prepared_integral
 
 
-def stores_blocks(A: PETSc.Mat) -> bool:
-    """Whether `block_assembly` can enter cells in a matrix: PETSc stores its blocks, and 32 bits
-    for an index."""
-    return A.getType() in ("seqbaij", "mpibaij") and PETSc.IntType == np.int32
-
-
 def block_assembly(
     A: PETSc.Mat, form: fem.Form, unknowns: npt.NDArray[np.int32] | npt.NDArray[np.int64]
-) -> Callable[[], None]:
-    """Return what adds a compiled bilinear form, one integral over cells, to a matrix of fixed
-    pattern that is assembled; `unknowns` are the global indices of all unknowns of the form's space
-    on this rank.  Collective."""
-    function, cells, nodes = prepared_integral(form)
+) -> Callable[[], None] | None:
+    """Return what adds a compiled bilinear form to a matrix of fixed pattern that is assembled;
+    None: the form is not one integral over cells, or PETSc does not store blocks with 32 bits for
+    an index.  `unknowns` are the global indices of all unknowns of the form's space on this rank.
+    Collective."""
+    if A.getType() not in ("seqbaij", "mpibaij") or PETSc.IntType != np.int32:
+        return None
+    prepared = prepared_integral(form)
+    if prepared is None:
+        return None
+    function, cells, nodes = prepared
     c = cells.library
     size = A.getBlockSize()
     # A node may have several blocks.

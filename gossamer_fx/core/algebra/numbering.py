@@ -7,6 +7,7 @@ runs rank by rank, and on each rank block after block, so every rank owns one co
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -15,8 +16,8 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.algebra.block_entries import block_assembly, stores_blocks
-from gossamer_fx.core.forms.backend import add_to_matrix, is_cell_integral
+from gossamer_fx.core.algebra.block_entries import block_assembly
+from gossamer_fx.core.forms.backend import add_to_matrix
 from gossamer_fx.core.model.body import Block
 
 # Prefix of all PETSc options of the package.
@@ -46,7 +47,7 @@ class NumberedBlock:
         # as for the tangent it would otherwise be made again in each iteration.
         self._matrix: PETSc.Mat | None = None
         self._diagonal_block: PETSc.Mat | None = None
-        # What adds the forms of cells to it, if its pattern is fixed.
+        # What adds forms to it.
         self._entered: dict[fem.Form, Callable[[], None]] = {}
 
     @property
@@ -62,24 +63,29 @@ class NumberedBlock:
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form]) -> None:
         """Add compiled bilinear forms of the body's space to the diagonal block of A with its
         unknowns; A is not assembled afterwards."""
-        numbering = self.numbering
         if A is not self._matrix:
             if self._diagonal_block is not None:
                 self._diagonal_block.destroy()
-            local = numbering.local_sets[self.k]
+            local = self.numbering.local_sets[self.k]
             self._diagonal_block = A.getLocalSubMatrix(local, local)
             self._matrix = A
             self._entered = {}
-        is_fixed = A is numbering.fixed and stores_blocks(A)
+        for form in forms:
+            if form not in self._entered:
+                self._entered[form] = self._entering(A, form)
+            self._entered[form]()
+
+    def _entering(self, A: PETSc.Mat, form: fem.Form) -> Callable[[], None]:
+        """What adds a form to A."""
+        numbering = self.numbering
+        found = None
+        if A is numbering.fixed:
+            found = block_assembly(A, form, numbering.indices[self.k])
+        if found is not None:
+            return found
         # Blocks of nodes can be entered only where the matrix has blocks of the same size.
         unrolled = numbering.block_size != numbering.blocks[self.k].size
-        for form in forms:
-            if not (is_fixed and is_cell_integral(form)):
-                add_to_matrix(self._diagonal_block, form, unrolled)
-                continue
-            if form not in self._entered:
-                self._entered[form] = block_assembly(A, form, numbering.indices[self.k])
-            self._entered[form]()
+        return partial(add_to_matrix, self._diagonal_block, form, unrolled)
 
 
 class Numbering:

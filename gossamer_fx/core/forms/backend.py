@@ -65,7 +65,6 @@ __all__ = [
     "facets_of",
     "gmsh_order",
     "interpolation_points",
-    "is_cell_integral",
     "loaded_kernel",
     "pack_constants",
     "submesh_of",
@@ -231,20 +230,14 @@ def values_and_rows(function: Any) -> tuple[Array, Indices]:
     return function.x.array.reshape(-1, dofmap.bs), dofmap.map()
 
 
-def is_cell_integral(form: fem.Form) -> bool:
-    """Whether a form is one integral over cells."""
+def cell_integral(form: fem.Form) -> tuple[Any, Indices] | None:
+    """The compiled integral of a form that is one over owned cells, and their local numbers; None:
+    it is not."""
     kind = fem.IntegralType.cell
-    return form.integral_types == {kind} and len(form._cpp_object.integral_ids(kind)) == 1
-
-
-def cell_integral(form: fem.Form) -> tuple[Any, Indices]:
-    """The compiled integral of a form that is one over owned cells, and their local numbers;
-    `ValueError`: it is not."""
-    if not is_cell_integral(form):
-        raise ValueError("The form is not one integral over cells.")
-    kind = fem.IntegralType.cell
-    (number,) = form._cpp_object.integral_ids(kind)
-    cells = np.asarray(form._cpp_object.domains(kind, number), dtype=np.int32)
+    numbers = form._cpp_object.integral_ids(kind)
+    if form.integral_types != {kind} or len(numbers) != 1:
+        return None
+    cells = np.asarray(form._cpp_object.domains(kind, numbers[0]), dtype=np.int32)
     return form.ufcx_form.form_integrals[0], cells
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from ufl.algorithms.analysis import extract_coefficients
@@ -23,6 +24,7 @@ from ufl.algorithms.analysis import extract_coefficients
 from gossamer_fx.core.forms.backend import (
     Array,
     Indices,
+    add_to_vector,
     cell_integral,
     pack_constants,
     values_and_rows,
@@ -79,7 +81,7 @@ def _address(compiled: Any) -> int:
 class CellValues:
     """Values (n, size) at nodes or points, and their rows (cells, k) in each cell."""
 
-    values: Array
+    values: npt.NDArray[np.floating[Any]]
     rows: Indices
 
     def fields(self, c: CLibrary) -> dict[str, Any]:
@@ -93,6 +95,10 @@ class CellValues:
             "node_count": rows.shape[1],
             "size": self.values.shape[1],
         }
+
+    def struct(self, c: CLibrary) -> CStruct:
+        """The C structure."""
+        return c.struct("cell_values", self.fields(c))
 
     @property
     def width(self) -> int:
@@ -165,40 +171,39 @@ class PreparedFunction:
         if self._constants.size:
             self._constants[:] = self._function.constants()
 
-    def applied(self, loop: str, to: CStruct, width: int) -> Callable[[], int | None]:
-        """Return what calls a C loop, such as "set_in_cells", of the function: where its results
-        go, and how many numbers they are in one cell."""
+    def applied(self, loop: str, to: CStruct, width: int) -> Callable[[], Any]:
+        """Return what calls a C loop, such as "set_in_cells", with the function; `to` is where the
+        results go, `width` how many numbers they are in one cell."""
         c = self._cells.library
         function = c.struct("cell_function", self.fields)
         cells = c.struct("cell_set", self._cells.fields)
         work = self._cells.work(width)
         call = getattr(c.lib, loop)
 
-        def apply() -> int | None:
+        def apply() -> Any:
             self.read_constants()
             return call(function.pointer, cells.pointer, to.pointer, work)
 
         return apply
 
-    def applied_to(self, loop: str, to: CellValues) -> Callable[[], int | None]:
-        """`applied` for the loops "set_in_cells" and "add_in_cells"."""
-        c = self._cells.library
-        return self.applied(loop, c.struct("cell_values", to.fields(c)), to.width)
 
-
-def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[[], int | None]:
+def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[[], Any]:
     """Return what sets a function, whose space stores values at points of cells, to the values of
     an expression that was compiled for these points, in all cells, ghosts included.  Collective."""
     space = at_points.function_space
     cells = Cells(space.mesh, np.arange(len(space.dofmap.list), dtype=np.int32))
     function = PreparedFunction(cell_function(expression), cells, {})
-    return function.applied_to("set_in_cells", cells.values_of(at_points._cpp_object))
+    to = cells.values_of(at_points._cpp_object)
+    return function.applied("set_in_cells", to.struct(cells.library), to.width)
 
 
-def prepared_integral(form: fem.Form) -> tuple[PreparedFunction, Cells, Indices]:
+def prepared_integral(form: fem.Form) -> tuple[PreparedFunction, Cells, Indices] | None:
     """The C function of a compiled form that is one integral over cells, the cells, and the rows of
-    the nodes of its space there (cells, k).  Collective."""
-    integral, numbers = cell_integral(form)
+    the nodes of its space there (cells, k); None: it is not.  Collective."""
+    found = cell_integral(form)
+    if found is None:
+        return None
+    integral, numbers = found
     cells = Cells(form.mesh, numbers)
     function = CellFunction(
         address=_address(integral),
@@ -206,13 +211,17 @@ def prepared_integral(form: fem.Form) -> tuple[PreparedFunction, Cells, Indices]
         constants=lambda: pack_constants(form),
         owner=form,
     )
-    rows = form.function_spaces[0].dofmap.map()[cells.numbers]
+    space: Any = form.function_spaces[0]
+    rows = space.dofmap.map()[cells.numbers]
     return PreparedFunction(function, cells, {}), cells, rows
 
 
-def assembly(form: fem.Form, values: Array) -> Callable[[], int | None]:
-    """Return what adds a compiled linear form, one integral over cells, to an array over the owned
-    and ghost unknowns of its space.  Collective."""
-    function, _, rows = prepared_integral(form)
-    size = form.function_spaces[0].dofmap.bs
-    return function.applied_to("add_in_cells", CellValues(values.reshape(-1, size), rows))
+def assembly(form: fem.Form, values: Array) -> Callable[[], Any]:
+    """Return what adds a compiled linear form to an array over the owned and ghost unknowns of its
+    space.  Collective."""
+    prepared = prepared_integral(form)
+    if prepared is None:
+        return lambda: add_to_vector(values, form)
+    function, cells, rows = prepared
+    to = CellValues(values.reshape(-1, form.function_spaces[0].dofmap.bs), rows)
+    return function.applied("add_in_cells", to.struct(cells.library), to.width)

@@ -79,7 +79,6 @@ from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
-from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.forms.cell_loops import assembly, tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
@@ -387,6 +386,8 @@ class StoredForces(ElementForces):
         self.linear_stress = self.S + ufl.dot(self.D, e - self.strain_variable)
         self._points = interpolation_points(self.strain_at_start.function_space)
 
+        # Before the law, so that a missing compiler is not blamed on this body.
+        self._set_true_strain = self._evaluated(e, self.strain_variable)
         # Only laws with several states need the kernel, and the choice of strains.
         self._law: PointLaw | None = None
         strain = ufl.variable(self.strain_variable)
@@ -398,7 +399,6 @@ class StoredForces(ElementForces):
         if self.thermal is not None:
             expansion = self.thermal.end - self.thermal.start
             self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
-        self._set_true_strain = self._evaluated(e, self.strain_variable)
         # The start of the next step, where that is not ê of the step that is solved.
         self._set_strain_of_end: Callable[[], None] | None = None
         if rule.takes_mid_strain:
@@ -435,14 +435,11 @@ class StoredForces(ElementForces):
         energy.  `RuntimeError`: dolfinx numbers quadrature points differently than the kernel
         expects."""
         from gossamer_fx.mechanics.terms.law_kernel import (
-            HEADER,
             PointLaw,
             PointValues,
             law_functions,
         )
 
-        # Before the law, so that a missing compiler is not blamed on this body.
-        c_library(HEADER, mesh.comm)
         m = self._size
         rows = cell_nodes(self.strain_variable.function_space)
         # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
@@ -468,8 +465,9 @@ class StoredForces(ElementForces):
             may_choose=not rule.acts_at_end,
         )
         self._linear_strain = self._at_points(mesh, m)
-        self._density = self._at_points(mesh)
-        self._energy = compile_form(self._density * term.dx)
+        density = self._at_points(mesh)
+        self._set_density = self._law.density_in(density.x.array)
+        self._energy = compile_form(density * term.dx)
 
     # ---- the course of a step --------------------------------------------------------------------
 
@@ -545,7 +543,7 @@ class StoredForces(ElementForces):
     def energy(self) -> float:
         """Stored energy [J] of the last accepted state, this rank's share."""
         if self._law is not None:
-            self._law.density(self._density.x.array)
+            self._set_density()
         return float(fem.assemble_scalar(self._energy))
 
     def heat(self) -> float:

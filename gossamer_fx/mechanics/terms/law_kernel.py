@@ -179,7 +179,7 @@ class PointLaw:
         Collective."""
         if len(cells) != len(values.rows):
             raise ValueError(f"There are rows for {len(values.rows)} cells, not for {len(cells)}.")
-        self._law = functions
+        self._functions = functions
         self._values = values
         self._may_choose = may_choose
         self._cells = Cells(functions.strain.function_space.mesh, cells, HEADER)
@@ -190,9 +190,10 @@ class PointLaw:
             functions.start._cpp_object: CellValues(values.start, values.rows),
             functions.strain._cpp_object: self._strain,
         }
-        self._density = self._prepared(functions.density)
-        self._responses = [self._prepared(response) for response in functions.responses]
-        self._sort = None if functions.sort is None else self._prepared(functions.sort)
+        # The responses, then what sorts the points, if there is anything.
+        self._evaluated = [self._prepared(response) for response in functions.responses]
+        if functions.sort is not None:
+            self._evaluated.append(self._prepared(functions.sort))
         self._kernel = self._c.struct("point_law", self._members())
         self._choice = self._c.struct("strain_choice", self._choice_members())
         self.begin_step()
@@ -202,11 +203,9 @@ class PointLaw:
     def begin_step(self) -> None:
         """Start a step: read constants, such as moduli, again, and forget the choices of
         strains."""
-        self._law.refresh()
-        for response in self._responses:
-            response.read_constants()
-        if self._sort is not None:
-            self._sort.read_constants()
+        self._functions.refresh()
+        for function in self._evaluated:
+            function.read_constants()
         self._iteration = 0
         self._chooses = self._may_choose
         self._last_error[:] = np.inf
@@ -238,10 +237,12 @@ class PointLaw:
         """Evaluate the responses at the strains of the iterate."""
         self._c.lib.evaluate_responses(self._kernel.pointer)
 
-    def density(self, values: Array) -> None:
-        """Evaluate the energy density at the strains of the start of the step: `values` (q,)."""
+    def density_in(self, values: Array) -> Callable[[], object]:
+        """Return what sets `values` (q,) to the energy density at the strains of the start of the
+        step."""
         to = CellValues(values.reshape(-1, 1), self._values.rows)
-        self._density.applied_to("set_in_cells", to)()
+        density = self._prepared(self._functions.density)
+        return density.applied("set_in_cells", to.struct(self._c), to.width)
 
     # ---- what the kernel reads -------------------------------------------------------------------
 
@@ -252,19 +253,18 @@ class PointLaw:
     def _members(self) -> dict[str, Any]:
         """Members of the C struct `point_law` of law.h, by name."""
         ffi = self._c.ffi
-        responses = CellValues(self._values.response, self._values.rows)
-        sort = ffi.NULL
-        if self._sort is not None:
-            sort = ffi.new("cell_function *", self._sort.fields)
+        response = CellValues(self._values.response, self._values.rows)
+        functions = ffi.new("cell_function[]", [one.fields for one in self._evaluated])
+        sort = ffi.NULL if self._functions.sort is None else functions + len(functions) - 1
         return {
             "cells": self._cells.fields,
             "point_count": self._values.rows.shape[1],
             "strain_size": self._values.strain.shape[1],
-            "responses": ffi.new("cell_function[]", [one.fields for one in self._responses]),
+            "responses": functions,
             "sort": sort,
             "strain": self._strain.fields(self._c),
-            "response": responses.fields(self._c),
-            "work": self._cells.work(responses.width),
+            "response": response.fields(self._c),
+            "work": self._cells.work(response.width),
         }
 
     def _choice_members(self) -> dict[str, Any]:
