@@ -45,7 +45,7 @@ Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rul
 How S and D are evaluated.  Compiled expressions, of which a path that stays in one state of the
 film (taut, wrinkled or slack) has a separate one; it costs a third to a sixth of the general one.
 Laws with several states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the
-strains.
+strains.  Both, and the residual, are loops of `forms.cell_loops`, without copies of functions.
 
 Terms that share a measure.  The stiffness and the viscous damping of a film have the same measure
 e. The forms (1) and (2) are linear in S and D, so such terms share one form of the sum of their
