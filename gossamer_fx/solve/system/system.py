@@ -426,8 +426,7 @@ class System:
         # length.
         self._base = pattern.duplicate() if has_stiffness else None
         self._base_inertia = 0.0
-        self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+        self.numbering.fix_pattern(self.A)
         for compiled in self.compiled:
             compiled.add_mass(self.M)
         self.M.assemble()
