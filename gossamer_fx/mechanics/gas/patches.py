@@ -165,7 +165,9 @@ class ChamberSurfaces:
         if not self._system.rule.acts_at_end:
             self._at_mid = np.zeros((chambers, unknowns))
         self._sums = np.zeros((3, chambers))
-        self.volume, self.magnitude, self.swept = self._sums
+        self.volume = self._sums[0]
+        self.magnitude = self._sums[1]
+        self.swept = self._sums[2]
         self._initial_volume = np.zeros(chambers)
         self._blocks = np.zeros((blocks, 3, 3))
 
