@@ -137,7 +137,7 @@ class Model:
             more = MESSAGES_TO_NEIGHBOUR[len(levels)] - MESSAGES_TO_NEIGHBOUR[1]
             messages += more * (neighbours * LATENCY + sent / BANDWIDTH)
             messages += 2 * _partners_of_last_levels(levels, ranks) * LATENCY
-        factors, solution = factorised(levels[-1])
+        factors, solution = factorised(levels[-1], by_mumps=len(levels) == 1)
         copies = self.copies.slope if ranks > 1 else 0.0
         return {
             "laws and forms": self.forms.slope * own,
@@ -154,9 +154,9 @@ class Model:
 
 
 @cache
-def factorised(coarse_unknowns: int) -> tuple[float, float]:
-    """Seconds in which MUMPS factorises a coarse matrix again, and solves with it: that of a square
-    grid of patches, each coupled with its eight neighbours."""
+def factorised(coarse_unknowns: int, by_mumps: bool) -> tuple[float, float]:
+    """Seconds in which MUMPS or PETSc factorises a coarse matrix again, and solves with it: that of
+    a square grid of patches, each coupled with its eight neighbours."""
     side = round(math.sqrt(coarse_unknowns / COARSE_UNKNOWNS_OF_PATCH))
     line = diags([1.0, 1.0, 1.0], [-1, 0, 1], shape=(side, side))
     coupled = kron(kron(line, line), np.ones((COARSE_UNKNOWNS_OF_PATCH,) * 2))
@@ -169,7 +169,9 @@ def factorised(coarse_unknowns: int) -> tuple[float, float]:
     x, b = matrix.createVecs()
     b.set(1.0)
     pc = PETSc.PC().create()
-    factorisation.choose(pc)
+    pc.setType("lu")
+    if by_mumps:
+        factorisation.choose(pc)
     pc.setOperators(matrix)
     factorisation.set_up(pc)
     pc.apply(b, x)
