@@ -86,7 +86,8 @@ class Model:
         self.forms = self._line(sheets, "law", "residual", "tangent")
         self.vectors = self._line(sheets, "rest")
         self.factors = self._line(sheets, "incomplete factorisation")
-        self.copies = self._line(sheets, "copy for several ranks")
+        small, large = (figures["copy on several ranks [s]"] for figures in sheets)
+        self.copies = self._fitted(small, large)
         self.applications = self._line(sheets, "applications", per_krylov=True)
         self.coarse_matrix = self._line(sheets, "coarse matrix")
         self.prolongations = self._line(sheets, "prolongations", per_krylov=True)
@@ -104,7 +105,10 @@ class Model:
         return both[0], both[1]
 
     def _line(self, sheets: tuple[Figures, Figures], *parts: str, per_krylov: bool = False) -> Line:
-        small, large = self._seconds(sheets, parts, per_krylov)
+        return self._fitted(*self._seconds(sheets, parts, per_krylov))
+
+    def _fitted(self, small: float, large: float) -> Line:
+        """The line through the seconds of the small and the large sheet."""
         slope = (large - small) / (self._sizes[1] - self._sizes[0])
         return Line(max(small - slope * self._sizes[0], 0.0), slope)
 
