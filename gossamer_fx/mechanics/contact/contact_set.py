@@ -55,6 +55,7 @@ from gossamer_fx.mechanics.contact.potential import (
 )
 from gossamer_fx.mechanics.contact.stencils import TINY, is_boundary
 from gossamer_fx.mechanics.contact.step_forces import StepForces
+from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.
@@ -562,6 +563,9 @@ class ContactSet:
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
         coupling = None if self.pairs is None else self.forces.coupling(diagonal)
         return [] if coupling is None else [coupling]
+
+    def coupling_blocks(self) -> CouplingBlocks | None:
+        return None if self.pairs is None else self.forces.coupling_blocks()
 
     # ---- energy balance of a step ----
 

@@ -34,6 +34,7 @@ from gossamer_fx.mechanics.contact.potential import (
     evaluate,
     reversed_pairs,
 )
+from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.
@@ -182,6 +183,10 @@ class StepForces:
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
         """Return the matrix of the blocks off the diagonal, as `BlockAssembly.coupling`."""
         return self._assembly.coupling(diagonal)
+
+    def coupling_blocks(self) -> CouplingBlocks | None:
+        """Return the same blocks, as `BlockAssembly.coupling_blocks`."""
+        return self._assembly.coupling_blocks()
 
     def _add_through_block_rows(self, tangents: Array) -> None:
         """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move

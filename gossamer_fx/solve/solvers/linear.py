@@ -226,7 +226,7 @@ class BorderedPreconditioner:
         if _keep_factors(self._sparse):
             return
         if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
-            factorisation.replace(self._sparse, tangent.whole())
+            factorisation.replace(self._sparse, tangent.for_factorisation())
         elif self._needs_couplings:
             self._sparse.setOperators(tangent.for_preconditioner())
         else:

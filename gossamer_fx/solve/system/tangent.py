@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
+from functools import cache
 
+import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.mechanics.terms.assembly import ActiveSet
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.terms.assembly import ActiveSet, CouplingBlocks
 
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+# Integers of blocks: their keys, places, rows or columns.
+Keys = npt.NDArray[np.int64]
+
+# A pattern that lacks a coupling is made again.  It keeps the couplings of iterations before while
+# they are not more than this multiple of the present ones: pairs come and go, and each new pattern
+# costs an ordering of the unknowns, each coupling too many fill.
+KEPT_COUPLINGS = 1.5
 
 
 class Tangent:
@@ -18,17 +31,38 @@ class Tangent:
     def __init__(self, A: PETSc.Mat, active_sets: Sequence[ActiveSet]) -> None:
         self.A = A
         self._active_sets = active_sets
-        self._couplings: list[PETSc.Mat] = []
+        # Couplings as blocks, or else as matrices, which are made of the blocks when asked for.
+        self._blocks: list[CouplingBlocks] = []
+        self._matrices: list[PETSc.Mat] | None = []
         self._diagonal: PETSc.Vec | None = None
+        self._sum: BlockSum | None = None
 
     def fetch_couplings(self) -> None:
         """Replace the couplings by those at the present iterate, once A is assembled.  The old ones
         are destroyed at once: on several ranks PETSc keeps what Python drops until all ranks
         collect garbage together."""
-        for C in self._couplings:
+        for C in self._matrices or ():
             C.destroy()
-        # Without a diagonal: strong and weak ones.
-        self._couplings = [C for pairs in self._active_sets for C in pairs.coupling_matrices(None)]
+        found = [pairs.coupling_blocks() for pairs in self._active_sets]
+        self._blocks = [blocks for blocks in found if blocks is not None and len(blocks.values)]
+        self._matrices = None
+        if None in found:
+            self._blocks = []
+            # Without a diagonal: strong and weak ones.
+            self._matrices = [
+                C for pairs in self._active_sets for C in pairs.coupling_matrices(None)
+            ]
+
+    @property
+    def _couplings(self) -> list[PETSc.Mat]:
+        """The matrices C."""
+        if self._matrices is None:
+            row_count = self.A.getSize()[0] // 3
+            self._matrices = []
+            for blocks in self._blocks:
+                ends = _row_ends(blocks.rows, row_count)
+                self._matrices.append(_block_matrix(ends, blocks.columns, blocks.values))
+        return self._matrices
 
     def mult(self, z: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (A + Σ C) z."""
@@ -45,22 +79,31 @@ class Tangent:
 
     def whole(self) -> PETSc.Mat:
         """The sum as one matrix: A itself if nothing is coupled."""
-        return self._sum(self._couplings)
+        return self._sum_with(self._couplings)
+
+    def for_factorisation(self) -> PETSc.Mat:
+        """The sum as one matrix, which the next call may overwrite: its pattern is kept while it
+        has all couplings, so that the unknowns are not ordered again in each iteration."""
+        if not self._blocks:
+            return self.whole()
+        if self._sum is None:
+            self._sum = BlockSum(self.A)
+        return self._sum.set(self._blocks)
 
     def for_preconditioner(self) -> PETSc.Mat:
         """The part of the tangent [N/m] that a preconditioner needs: A, and those couplings of
         contact pairs that are strong compared with its diagonal, as a new matrix if there are any.
         Collective."""
-        if not self._couplings:
+        if not (self._blocks or self._couplings):
             return self.A
         self._diagonal = self.A.getDiagonal(self._diagonal)
         strong = [C for pairs in self._active_sets for C in pairs.coupling_matrices(self._diagonal)]
-        total = self._sum(strong)
+        total = self._sum_with(strong)
         for C in strong:
             C.destroy()
         return total
 
-    def _sum(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
+    def _sum_with(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
         """The sum of A and coupling matrices of contact pairs as one new matrix; A itself if
         nothing is coupled.  Collective."""
         if not couplings:
@@ -71,3 +114,95 @@ class Tangent:
         for C in couplings:
             total.axpy(1.0, C, DIFFERENT_PATTERN)
         return total
+
+
+class BlockSum:
+    """A matrix of 3 x 3 blocks on one rank, and couplings, summed in one matrix of both patterns.
+
+    A block is named by its key, its row times the number of block rows, plus its column; keys in
+    ascending order are those of the matrix's values.
+    """
+
+    def __init__(self, A: PETSc.Mat) -> None:
+        """Take A, which is assembled and keeps its pattern."""
+        self._row_count = A.getSize()[0] // 3
+        ends, columns = A.getRowIJ(compressed=True)
+        rows = np.repeat(np.arange(self._row_count), np.diff(ends))
+        self._keys_of_A = rows * self._row_count + columns
+        self._values_of_A = _block_values(A)
+        self._keys = self._keys_of_A
+
+    def set(self, couplings: Sequence[CouplingBlocks]) -> PETSc.Mat:
+        """Return the sum of A and couplings with their present values, at least one block, as the
+        matrix of the last call or a new one."""
+        keys = [blocks.rows * self._row_count + blocks.columns for blocks in couplings]
+        places = [np.searchsorted(self._keys, some) for some in keys]
+        if not all(self._has(*pair) for pair in zip(keys, places, strict=True)):
+            self._make(np.concatenate(keys))
+            places = [np.searchsorted(self._keys, some) for some in keys]
+        self._values[:] = 0
+        self._values[self._place_of_A] = self._values_of_A
+        for blocks, at in zip(couplings, places, strict=True):
+            # PETSc stores the blocks column by column.
+            self._values[at] += blocks.values.reshape(-1, 3, 3).swapaxes(1, 2).reshape(-1, 9)
+        self._matrix.stateIncrease()
+        return self._matrix
+
+    def _has(self, keys: Keys, places: Keys) -> bool:
+        """Whether the matrix has blocks with these keys (k,), in ascending order, which are then
+        at these places among its own."""
+        return places[-1] < len(self._keys) and bool((self._keys[places] == keys).all())
+
+    def _make(self, keys: Keys) -> None:
+        """Make the matrix again, with blocks of these keys (k,)."""
+        present = np.union1d(self._keys_of_A, keys)
+        kept = np.union1d(self._keys, present)
+        own_count = len(self._keys_of_A)
+        if len(kept) - own_count > KEPT_COUPLINGS * (len(present) - own_count):
+            kept = present
+        self._keys = kept
+        self._place_of_A = np.searchsorted(kept, self._keys_of_A)
+        rows, columns = np.divmod(kept, self._row_count)
+        ends = _row_ends(rows, self._row_count)
+        self._matrix = _block_matrix(ends, columns, np.zeros((len(kept), 9)))
+        self._values = _block_values(self._matrix)
+
+
+def _row_ends(rows: Keys, row_count: int) -> Keys:
+    """Where the blocks of each block row begin and end (row_count + 1,), of blocks (k,) sorted by
+    rows."""
+    return np.append(0, np.cumsum(np.bincount(rows, minlength=row_count)))
+
+
+def _block_matrix(ends: Keys, columns: Keys, values: Array) -> PETSc.Mat:
+    """A new square matrix of 3 x 3 blocks on one rank, in compressed rows."""
+    size = 3 * (len(ends) - 1)
+    csr = (ends.astype(PETSc.IntType), columns.astype(PETSc.IntType), values)
+    return PETSc.Mat().createBAIJ(((size, size), (size, size)), 3, csr=csr, comm=PETSc.COMM_SELF)
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """PETSc's C functions: those of the library to which petsc4py is linked."""
+    library = ctypes.CDLL(PETSc.__file__)
+    pointer = ctypes.POINTER(ctypes.c_void_p)
+    library.MatSeqBAIJGetArray.argtypes = [ctypes.c_void_p, pointer]
+    return library
+
+
+def _block_values(matrix: PETSc.Mat) -> Array:
+    """The values (k, b²) of the k blocks of an assembled matrix on one rank (BAIJ, block size b),
+    in the order of rows and columns, each block column by column.
+
+    The array is the memory of the matrix, valid while the matrix exists and keeps its pattern.
+    After a change call `stateIncrease` of the matrix, or solvers use what they made of the old
+    values.
+    """
+    address = ctypes.c_void_p()
+    if _library().MatSeqBAIJGetArray(matrix.handle, ctypes.byref(address)):
+        raise RuntimeError(f"PETSc gives no values of a matrix of the type '{matrix.getType()}'.")
+    size = matrix.getBlockSize() ** 2
+    count = int(matrix.getInfo()["nz_used"])
+    assert address.value is not None, "a matrix that is assembled has values"
+    values = (ctypes.c_double * count).from_address(address.value)
+    return np.frombuffer(values).reshape(-1, size)
