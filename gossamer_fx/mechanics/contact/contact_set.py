@@ -541,9 +541,10 @@ class ContactSet:
         for body in self.mesh.bodies:
             owned = self.system.block(body).owned
             rows = update[owned].reshape(-1, body.block.size)
-            way = np.linalg.norm(rows[:, :3], axis=1)
+            way = np.sqrt(np.einsum("nc,nc->n", rows[:, :3], rows[:, :3]))
             # A whole node keeps the direction of its update.
-            rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
+            if way.max(initial=0.0) > longest:
+                rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
 
     # ---- forces ----
 

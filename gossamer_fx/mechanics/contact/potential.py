@@ -205,6 +205,7 @@ def evaluate(
     geometric_share: float = 1.0,
     known_state: ByteArray | None = None,
     push_back: float = PUSH_BACK,
+    table: CStruct | None = None,
 ) -> PairResponse:
     """Compute forces and tangents of n contact pairs in a step from points x0 to x1 (m, 3) [m].
 
@@ -220,6 +221,7 @@ def evaluate(
         known_state: what each pair does (n,), from an earlier call for the same step.
         push_back: stiffness of pairs that passed through, over their own [-]; zero for a step that
             was accepted, whose pairs are then treated alike in both directions of time.
+        table: the pairs for C, from `step_table`; None: it is made.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -238,6 +240,7 @@ def evaluate(
         base = x1 if is_state else x0
         # In statics the force is the gradient at x1, whose closest points it needs.
         start = pair_starts(pairs, base, *closest_points(pairs, base))
+        table = None
     block_count = 0 if blocks is None else len(blocks)
     step = c.struct(
         "contact_step",
@@ -264,9 +267,15 @@ def evaluate(
             "pair_tangents": c.array("tangents", tangents, "float64", (count, 144), writable=True),
         },
     )
-    table = _active_pairs(pairs, start, law)
+    if table is None:
+        table = _active_pairs(pairs, start, law)
     c.lib.evaluate_pairs(table.pointer, step.pointer, response.pointer)
     return PairResponse(state, forces, tangents)
+
+
+def step_table(pairs: ActivePairs, law: ContactLaw) -> CStruct:
+    """Return the pairs of a step for C: made once, as all iterations of the step evaluate them."""
+    return _active_pairs(pairs, pairs.start, law)
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:

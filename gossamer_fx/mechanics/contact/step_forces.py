@@ -33,6 +33,7 @@ from gossamer_fx.mechanics.contact.potential import (
     PairState,
     evaluate,
     reversed_pairs,
+    step_table,
 )
 from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 
@@ -88,6 +89,7 @@ class StepForces:
         self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
         self._obstacle_pairs = pairs.rows(~is_of_bodies)
+        self._make_tables()
         block_rows, self._row_weights = self._points.block_rows_of(self._obstacle_pairs.points)
         # Block rows (n, k) of the pairs with friction, by groups.
         rubbing = [] if self.friction is None else self.friction.begin_step(pairs, x0)
@@ -109,12 +111,18 @@ class StepForces:
         assert start is not None, "reversed pairs have the starts of the reversed step"
         self._body_pairs = replace(self._body_pairs, start=start[self._is_of_bodies])
         self._obstacle_pairs = replace(self._obstacle_pairs, start=start[~self._is_of_bodies])
+        self._make_tables()
         self._is_reversed = True
         self._last_end = x0
         self._last_states = None
         # Pairs that separate fast would count as too steep when they approach as fast.
         self.push_back = 0.0
         return table
+
+    def _make_tables(self) -> None:
+        """Make the tables of both kinds of pairs for C."""
+        self._body_table = step_table(self._body_pairs, self._law)
+        self._obstacle_table = step_table(self._obstacle_pairs, self._law)
 
     def compute(self, x0: Array, x1: Array) -> None:
         """Compute the forces of this rank's pairs, with friction, and note what each pair does.
@@ -130,8 +138,12 @@ class StepForces:
                 self._alpha,
                 point_forces=self.point_forces,
                 push_back=self.push_back,
+                table=table,
             ).state
-            for pairs in (self._body_pairs, self._obstacle_pairs)
+            for pairs, table in (
+                (self._body_pairs, self._body_table),
+                (self._obstacle_pairs, self._obstacle_table),
+            )
         )
         self._last_end = x1
         self._last_states = (of_bodies, of_obstacles)
@@ -157,6 +169,7 @@ class StepForces:
             geometric_share=self._system.geometric,
             known_state=of_bodies,
             push_back=self.push_back,
+            table=self._body_table,
         )
         # Without obstacles the arrays of pairs and weights would be empty.
         if len(self._obstacle_pairs):
@@ -170,6 +183,7 @@ class StepForces:
                 geometric_share=self._system.geometric,
                 known_state=of_obstacles,
                 push_back=self.push_back,
+                table=self._obstacle_table,
             )
             self._add_through_block_rows(np.asarray(response.tangents))
         if self.friction is not None and not self._is_reversed:

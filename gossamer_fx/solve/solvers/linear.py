@@ -167,8 +167,9 @@ class Bordered:
 
     def rows(self, z: Array) -> Array:
         """Hᵀ z, summed over the ranks: (m,) for z (n,), or (m, k) for k vectors z (k, n)."""
-        total: Array = np.zeros((self.H.count, *z.shape[:-1]))
-        self.composite.comm.Allreduce(self.H.products(z), total)
+        total = self.H.products(z)
+        if self.composite.comm.size > 1:
+            self.composite.comm.Allreduce(MPI.IN_PLACE, total)
         return total
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, out: PETSc.Vec) -> None:

@@ -347,10 +347,10 @@ class Newton:
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
         """Shorten an update where contact requires it; whether it may have changed.  Called by
         PETSc. Collective."""
-        self._has_update = math.isfinite(update.norm())
+        length = float(update.norm())
+        self._has_update = math.isfinite(length)
         if not (self._has_update and self.system.active_sets):
             return False
-        length = float(update.norm())
         with update as values:
             self.system.limit_update(values[: self._composite.n])
         self._kept_shares.append(float(update.norm()) / max(length, factorisation.TINY))

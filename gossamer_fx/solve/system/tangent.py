@@ -24,6 +24,10 @@ Keys = npt.NDArray[np.int64]
 KEPT_COUPLINGS = 1.5
 
 
+# Entries of a block that has them row by row, in the order in which PETSc stores them.
+BY_COLUMNS = [0, 3, 6, 1, 4, 7, 2, 5, 8]
+
+
 class Tangent:
     """A + Σ C: A has a fixed sparsity pattern, the couplings C come from terms with active sets,
     whose connectivity changes from step to step."""
@@ -131,6 +135,8 @@ class BlockSum:
         self._keys_of_A = rows * self._row_count + columns
         self._values_of_A = _block_values(A)
         self._keys = self._keys_of_A
+        # Keys of the couplings that A has not, and their places among all keys.
+        self._added_keys = self._added = np.zeros(0, dtype=np.int64)
 
     def set(self, couplings: Sequence[CouplingBlocks]) -> PETSc.Mat:
         """Return the sum of A and couplings with their present values, at least one block, as the
@@ -140,11 +146,11 @@ class BlockSum:
         if not all(self._has(*pair) for pair in zip(keys, places, strict=True)):
             self._make(np.concatenate(keys))
             places = [np.searchsorted(self._keys, some) for some in keys]
-        self._values[:] = 0
-        self._values[self._place_of_A] = self._values_of_A
+        # Without `mode` NumPy would fill a copy of the array first.
+        np.take(self._values_of_A, self._places_in_A, axis=0, out=self._values, mode="clip")
+        self._values[self._added] = 0
         for blocks, at in zip(couplings, places, strict=True):
-            # PETSc stores the blocks column by column.
-            self._values[at] += blocks.values.reshape(-1, 3, 3).swapaxes(1, 2).reshape(-1, 9)
+            self._values[at] += blocks.values[:, BY_COLUMNS]
         self._matrix.stateIncrease()
         return self._matrix
 
@@ -155,16 +161,18 @@ class BlockSum:
 
     def _make(self, keys: Keys) -> None:
         """Make the matrix again, with blocks of these keys (k,)."""
-        present = np.union1d(self._keys_of_A, keys)
-        kept = np.union1d(self._keys, present)
-        own_count = len(self._keys_of_A)
-        if len(kept) - own_count > KEPT_COUPLINGS * (len(present) - own_count):
-            kept = present
-        self._keys = kept
-        self._place_of_A = np.searchsorted(kept, self._keys_of_A)
-        rows, columns = np.divmod(kept, self._row_count)
+        needed = np.setdiff1d(keys, self._keys_of_A)
+        added = np.union1d(self._added_keys, needed)
+        if len(added) > KEPT_COUPLINGS * len(needed):
+            added = needed
+        self._added_keys = added
+        self._keys = np.sort(np.concatenate([self._keys_of_A, added]), kind="stable")
+        self._added = np.searchsorted(self._keys, added)
+        # For blocks that A has not: the place of another one.
+        self._places_in_A = np.searchsorted(self._keys_of_A, self._keys)
+        rows, columns = np.divmod(self._keys, self._row_count)
         ends = _row_ends(rows, self._row_count)
-        self._matrix = _block_matrix(ends, columns, np.zeros((len(kept), 9)))
+        self._matrix = _block_matrix(ends, columns, np.zeros((len(rows), 9)))
         self._values = _block_values(self._matrix)
 
 
