@@ -129,6 +129,8 @@ def test_a_sum_of_blocks_keeps_its_pattern_until_it_lacks_a_block() -> None:
         assert np.array_equal(dense(found), expected)
         return found
 
+    # A has these blocks itself.
+    sum_of(couplings((0, 1), (1, 0)))
     first = sum_of(couplings((0, 2), (1, 2)), couplings((1, 2), (2, 2)))
     # Both blocks are in the pattern, with new values of A.
     A.scale(2.0)

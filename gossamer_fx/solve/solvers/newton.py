@@ -340,8 +340,7 @@ class Newton:
         """w and y of x; fixed coordinates get their values, which not every linear solver keeps
         exactly."""
         w, y = self._composite.split(x)
-        with w as values:
-            values[self.system.supports.held] = self._fixed_values
+        w.array[self.system.supports.held] = self._fixed_values
         return w, y
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:

@@ -134,9 +134,8 @@ class BlockSum:
         rows = np.repeat(np.arange(self._row_count), np.diff(ends))
         self._keys_of_A = rows * self._row_count + columns
         self._values_of_A = _block_values(A)
-        self._keys = self._keys_of_A
-        # Keys of the couplings that A has not, and their places among all keys.
-        self._added_keys = self._added = np.zeros(0, dtype=np.int64)
+        # Keys of the matrix, of which there is none yet, and of its blocks that A has not.
+        self._keys = self._added_keys = np.zeros(0, dtype=np.int64)
 
     def set(self, couplings: Sequence[CouplingBlocks]) -> PETSc.Mat:
         """Return the sum of A and couplings with their present values, at least one block, as the
