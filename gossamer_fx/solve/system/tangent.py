@@ -160,7 +160,9 @@ class BlockSum:
 
     def _make(self, keys: Keys) -> None:
         """Make the matrix again, with blocks of these keys (k,)."""
-        needed = np.setdiff1d(keys, self._keys_of_A)
+        last = len(self._keys_of_A) - 1
+        nearest = np.minimum(np.searchsorted(self._keys_of_A, keys), last)
+        needed = np.unique(keys[self._keys_of_A[nearest] != keys])
         added = np.union1d(self._added_keys, needed)
         if len(added) > KEPT_COUPLINGS * len(needed):
             added = needed
