@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +13,9 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.assembly import ActiveSet, CouplingBlocks
 
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+# PETSc's C function for `_block_values`, of the library to which petsc4py is linked.
+get_array = ctypes.CDLL(PETSc.__file__).MatSeqBAIJGetArray
 
 # Integers of blocks: their keys, places, rows or columns.
 Keys = npt.NDArray[np.int64]
@@ -62,10 +64,10 @@ class Tangent:
         """The matrices C."""
         if self._matrices is None:
             row_count = self.A.getSize()[0] // 3
-            self._matrices = []
-            for blocks in self._blocks:
-                ends = _row_ends(blocks.rows, row_count)
-                self._matrices.append(_block_matrix(ends, blocks.columns, blocks.values))
+            self._matrices = [
+                _block_matrix(blocks.rows, blocks.columns, blocks.values, row_count)
+                for blocks in self._blocks
+            ]
         return self._matrices
 
     def mult(self, z: PETSc.Vec, out: PETSc.Vec) -> None:
@@ -135,34 +137,27 @@ class BlockSum:
         self._keys_of_A = rows * self._row_count + columns
         self._values_of_A = _block_values(A)
         # Keys of the matrix, of which there is none yet, and of its blocks that A has not.
-        self._keys = self._added_keys = np.zeros(0, dtype=np.int64)
+        self._keys: Keys = np.zeros(0, dtype=np.int64)
+        self._added_keys = self._keys
 
     def set(self, couplings: Sequence[CouplingBlocks]) -> PETSc.Mat:
         """Return the sum of A and couplings with their present values, at least one block, as the
         matrix of the last call or a new one."""
         keys = [blocks.rows * self._row_count + blocks.columns for blocks in couplings]
-        places = [np.searchsorted(self._keys, some) for some in keys]
-        if not all(self._has(*pair) for pair in zip(keys, places, strict=True)):
-            self._make(np.concatenate(keys))
-            places = [np.searchsorted(self._keys, some) for some in keys]
+        all_keys = np.concatenate(keys)
+        if not _are_among(all_keys, self._keys).all():
+            self._make(all_keys)
         # Without `mode` NumPy would fill a copy of the array first.
         np.take(self._values_of_A, self._places_in_A, axis=0, out=self._values, mode="clip")
         self._values[self._added] = 0
-        for blocks, at in zip(couplings, places, strict=True):
-            self._values[at] += blocks.values[:, BY_COLUMNS]
+        for blocks, some in zip(couplings, keys, strict=True):
+            self._values[np.searchsorted(self._keys, some)] += blocks.values[:, BY_COLUMNS]
         self._matrix.stateIncrease()
         return self._matrix
 
-    def _has(self, keys: Keys, places: Keys) -> bool:
-        """Whether the matrix has blocks with these keys (k,), in ascending order, which are then
-        at these places among its own."""
-        return places[-1] < len(self._keys) and bool((self._keys[places] == keys).all())
-
     def _make(self, keys: Keys) -> None:
         """Make the matrix again, with blocks of these keys (k,)."""
-        last = len(self._keys_of_A) - 1
-        nearest = np.minimum(np.searchsorted(self._keys_of_A, keys), last)
-        needed = np.unique(keys[self._keys_of_A[nearest] != keys])
+        needed = np.unique(keys[~_are_among(keys, self._keys_of_A)])
         added = np.union1d(self._added_keys, needed)
         if len(added) > KEPT_COUPLINGS * len(needed):
             added = needed
@@ -172,46 +167,36 @@ class BlockSum:
         # For blocks that A has not: the place of another one.
         self._places_in_A = np.searchsorted(self._keys_of_A, self._keys)
         rows, columns = np.divmod(self._keys, self._row_count)
-        ends = _row_ends(rows, self._row_count)
-        self._matrix = _block_matrix(ends, columns, np.zeros((len(rows), 9)))
+        zeros = np.zeros((len(rows), 9))
+        self._matrix = _block_matrix(rows, columns, zeros, self._row_count)
         self._values = _block_values(self._matrix)
 
 
-def _row_ends(rows: Keys, row_count: int) -> Keys:
-    """Where the blocks of each block row begin and end (row_count + 1,), of blocks (k,) sorted by
-    rows."""
-    return np.append(0, np.cumsum(np.bincount(rows, minlength=row_count)))
+def _are_among(keys: Keys, sorted_keys: Keys) -> npt.NDArray[np.bool_]:
+    """Which keys (k,) are among others that are sorted."""
+    if not len(sorted_keys):
+        return np.zeros(len(keys), dtype=bool)
+    return np.take(sorted_keys, np.searchsorted(sorted_keys, keys), mode="clip") == keys
 
 
-def _block_matrix(ends: Keys, columns: Keys, values: Array) -> PETSc.Mat:
-    """A new square matrix of 3 x 3 blocks on one rank, in compressed rows."""
-    size = 3 * (len(ends) - 1)
+def _block_matrix(rows: Keys, columns: Keys, values: Array, row_count: int) -> PETSc.Mat:
+    """A new square matrix on one rank of 3 x 3 blocks (k, 9), sorted by row, then by column."""
+    ends = np.append(0, np.cumsum(np.bincount(rows, minlength=row_count)))
     csr = (ends.astype(PETSc.IntType), columns.astype(PETSc.IntType), values)
+    size = 3 * row_count
     return PETSc.Mat().createBAIJ(((size, size), (size, size)), 3, csr=csr, comm=PETSc.COMM_SELF)
 
 
-@cache
-def _library() -> ctypes.CDLL:
-    """PETSc's C functions: those of the library to which petsc4py is linked."""
-    library = ctypes.CDLL(PETSc.__file__)
-    pointer = ctypes.POINTER(ctypes.c_void_p)
-    library.MatSeqBAIJGetArray.argtypes = [ctypes.c_void_p, pointer]
-    return library
-
-
 def _block_values(matrix: PETSc.Mat) -> Array:
-    """The values (k, b²) of the k blocks of an assembled matrix on one rank (BAIJ, block size b),
-    in the order of rows and columns, each block column by column.
+    """The values (k, 9) of the 3 x 3 blocks of an assembled matrix on one rank, in the order of
+    rows and columns, each block column by column.
 
-    The array is the memory of the matrix, valid while the matrix exists and keeps its pattern.
-    After a change call `stateIncrease` of the matrix, or solvers use what they made of the old
-    values.
+    petsc4py does not offer them.  The array is the memory of the matrix, valid while the matrix
+    exists and keeps its pattern.  After a change call `stateIncrease` of the matrix, or solvers use
+    what they made of the old values.
     """
     address = ctypes.c_void_p()
-    if _library().MatSeqBAIJGetArray(matrix.handle, ctypes.byref(address)):
+    if get_array(ctypes.c_void_p(matrix.handle), ctypes.byref(address)) or not address.value:
         raise RuntimeError(f"PETSc gives no values of a matrix of the type '{matrix.getType()}'.")
-    size = matrix.getBlockSize() ** 2
     count = int(matrix.getInfo()["nz_used"])
-    assert address.value is not None, "a matrix that is assembled has values"
-    values = (ctypes.c_double * count).from_address(address.value)
-    return np.frombuffer(values).reshape(-1, size)
+    return np.frombuffer((ctypes.c_double * count).from_address(address.value)).reshape(-1, 9)
