@@ -71,6 +71,10 @@ class BlockAssembly:
     # First unknown of each block row of the coupling matrix; `_coupling_rows` and
     # `_coupling_columns` of its blocks are indices of this array.
     _row_dof: Int64Array
+    # Blocks (k, 9) off the diagonal that are not zero, and their block rows and columns (k,).
+    _entries: Array
+    _entry_rows: Int64Array
+    _entry_columns: Int64Array
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
         """Find out which unknowns ranks own; `couple` makes the pattern of a step.  Collective."""
@@ -190,7 +194,7 @@ class BlockAssembly:
         of_rows = marks[self._coupling_rows]
         of_columns = marks[self._coupling_columns]
         # Most contacts have few blocks with fixed coordinates, or none.
-        self._fixed = np.flatnonzero(~(of_rows.all(axis=1) & of_columns.all(axis=1)))
+        self._fixed: Int64Array = np.flatnonzero(~(of_rows.all(axis=1) & of_columns.all(axis=1)))
         free_entries = of_rows[self._fixed, :, None] * of_columns[self._fixed, None]
         self._free_entries = free_entries.reshape(-1, 9)
 

@@ -557,16 +557,16 @@ class ContactSet:
         """Add the blocks on the diagonal of the tangent [N/m]; `coupling_matrices` has the others.
         Between steps zeros reserve these blocks in the pattern."""
         if self.pairs is None:
-            self.forces.reserve(A)
+            self.forces.assembly.reserve_diagonal(A)
             return
         self.forces.add_tangents(A, self.x0, self.end_points())
 
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
-        coupling = None if self.pairs is None else self.forces.coupling(diagonal)
+        coupling = None if self.pairs is None else self.forces.assembly.coupling(diagonal)
         return [] if coupling is None else [coupling]
 
     def coupling_blocks(self) -> CouplingBlocks | None:
-        return None if self.pairs is None else self.forces.coupling_blocks()
+        return None if self.pairs is None else self.forces.assembly.coupling_blocks()
 
     # ---- energy balance of a step ----
 

@@ -157,8 +157,8 @@ class BlockSum:
 
     def _make(self, keys: Keys) -> None:
         """Make the matrix again, with blocks of these keys (k,)."""
-        needed = np.unique(keys[~_are_among(keys, self._keys_of_A)])
-        added = np.union1d(self._added_keys, needed)
+        needed: Keys = np.unique(keys[~_are_among(keys, self._keys_of_A)])
+        added: Keys = np.union1d(self._added_keys, needed)
         if len(added) > KEPT_COUPLINGS * len(needed):
             added = needed
         self._added_keys = added
