@@ -138,7 +138,7 @@ class BlockSum:
         self._values_of_A = _block_values(A)
         # Keys of the matrix, of which there is none yet, and of its blocks that A has not.
         self._keys: Keys = np.zeros(0, dtype=np.int64)
-        self._added_keys = self._keys
+        self._added_keys: Keys = self._keys
 
     def set(self, couplings: Sequence[CouplingBlocks]) -> PETSc.Mat:
         """Return the sum of A and couplings with their present values, at least one block, as the
@@ -158,12 +158,11 @@ class BlockSum:
     def _make(self, keys: Keys) -> None:
         """Make the matrix again, with blocks of these keys (k,)."""
         needed: Keys = np.unique(keys[~_are_among(keys, self._keys_of_A)])
-        added: Keys = np.union1d(self._added_keys, needed)
-        if len(added) > KEPT_COUPLINGS * len(needed):
-            added = needed
-        self._added_keys = added
-        self._keys = np.sort(np.concatenate([self._keys_of_A, added]), kind="stable")
-        self._added = np.searchsorted(self._keys, added)
+        self._added_keys = np.union1d(self._added_keys, needed)
+        if len(self._added_keys) > KEPT_COUPLINGS * len(needed):
+            self._added_keys = needed
+        self._keys = np.sort(np.concatenate([self._keys_of_A, self._added_keys]), kind="stable")
+        self._added = np.searchsorted(self._keys, self._added_keys)
         # For blocks that A has not: the place of another one.
         self._places_in_A = np.searchsorted(self._keys_of_A, self._keys)
         rows, columns = np.divmod(self._keys, self._row_count)
