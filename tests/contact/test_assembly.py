@@ -98,8 +98,13 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     tangent.whole().mult(z, of_whole)
     tangent.for_factorisation().mult(z, of_factorised)
     tangent.for_preconditioner().mult(z, of_strong)
+    # `-gx_mat_type aij` makes matrices of this kind.
+    of_numbers = numbering.vector()
+    numbers = Tangent(A.convert("aij", PETSc.Mat()), [contacts])
+    numbers.fetch_couplings()
+    numbers.for_factorisation().mult(z, of_numbers)
     size = exact.norm()
-    for found in (of_sum, of_whole, of_factorised):
+    for found in (of_sum, of_whole, of_factorised, of_numbers):
         found.axpy(-1.0, exact)
         # 1e-5: relative truncation of the difference near the barrier.
         assert found.norm() < 1e-5 * size

@@ -90,7 +90,8 @@ class Tangent:
     def for_factorisation(self) -> PETSc.Mat:
         """The sum as one matrix, which the next call may overwrite: its pattern is kept while it
         has all couplings, so that the unknowns are not ordered again in each iteration."""
-        if not self._blocks:
+        # The user may choose another type of matrices.
+        if not self._blocks or self.A.getType() != PETSc.Mat.Type.SEQBAIJ:
             return self.whole()
         if self._sum is None:
             self._sum = BlockSum(self.A)
