@@ -166,7 +166,10 @@ class PairTwin:
         mean = sum(self.distance(e0 + τ * change)[1] for τ in GAUSS_POINTS) / 2
         # Correction that makes the mean gradient do exactly the change s1 - s0.
         missing = s1 - s0 - mean @ change
-        mean = mean + missing / (change @ change) * change
+        # Measures count by their sizes: of r the width, of a and b their mean squared length.
+        sizes = self.width + np.array([0, e0[3] + e1[3], e0[5] + e1[5]]) / 2
+        direction = change / (sizes[FIRST] * sizes[SECOND])
+        mean = mean + missing / (change @ direction) * direction
         b0 = self.energy_of(self.scaled(s0))
         b1 = self.energy_of(self.scaled(s1))
         # Secant of the potential over the change of the distance.
