@@ -23,7 +23,7 @@ convex in e, and can be treated as any stored energy.
 Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e0:
 
     1. The stress of the step is S = k (b(x1) - b(x0))/(s1 - s0) φ_mean.                        (1)
-    2. φ_mean = ∫₀¹ φ dτ along e0 + τ Δe, by two Gauss points.                                  (2)
+    2. φ_mean = ∫₀¹ φ dτ along e0 + τ Δe, by two Gauss points; of edges by two in each quarter.  (2)
     3. Gauss points leave an error in (2).  A multiple of W Δe is added to φ_mean such that
        φ_mean·Δe = s1 - s0.  W is diagonal: 1 over the squared size of each measure, with the
        activation distance for r and the mean lengths in the step for a and b.                  (3)
@@ -43,9 +43,9 @@ the signed distance (`kernels/pass_through.h`).  For edges with a barrier, x mus
 fiftieth of its value at the start of the step.  Below it b is continued as a parabola of x, so that
 the iteration has a finite force; a step that ends there is refused.
 
-Cost: three searches for closest points for each pair and evaluation, at e1 and at the two Gauss
-points; those of e0 are known from the start of the step.  All is in C, and pairs out of range are
-left out.
+Cost: three searches for closest points for each pair and evaluation, nine for edges, at e1 and at
+the Gauss points; those of e0 are known from the start of the step.  All is in C, and pairs out of
+range are left out.
 
 Limits: the tangent of a step is not symmetric, since (3) treats both ends differently from the
 middle. The measures at the Gauss points are those of no configuration, so that their closest points

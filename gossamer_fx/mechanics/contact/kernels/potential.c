@@ -17,8 +17,12 @@ static const double LEAST_KEPT_DISTANCE = 0.02;
    nothing is corrected. */
 static const double SMALLEST_CHANGE = 1e-28;
 
-/* Gauss points of the path average (2). */
+/* Gauss points of the path average (2), in the whole path or in each of its equal parts. */
 static const double GAUSS_POINTS[2] = {0.21132486540518713, 0.7886751345948129};
+
+/* Parts of the path of two edges.  The closest points of almost parallel ones run from end to end in a
+   fifth of the path, by the rounding of s; with two points for the whole path the force jumps there. */
+static const int PARTS_OF_EDGES = 4;
 
 /* Which measure is the product of two vectors. */
 static const int MEASURE_OF[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
@@ -205,11 +209,13 @@ static void mean_gradient(const pair_step *pair, const pair_vectors *middle, dou
         squared_change += change[m] * change[m];
         squared_start += start[m] * start[m];
     }
-    for (int g = 0; g < 2; ++g) {
+    const int parts = pair->frame.of->is_rounded ? PARTS_OF_EDGES : 1;
+    for (int g = 0; g < 2 * parts; ++g) {
+        const double t = (g / 2 + GAUSS_POINTS[g % 2]) / parts;
         double measures[6], gradient[6];
-        for (int m = 0; m < 6; ++m) measures[m] = start[m] + GAUSS_POINTS[g] * change[m];
-        distance_derivatives(&pair->frame, measures, gradient, derivative, GAUSS_POINTS[g] / 2);
-        for (int m = 0; m < 6; ++m) mean[m] += gradient[m] / 2;
+        for (int m = 0; m < 6; ++m) measures[m] = start[m] + t * change[m];
+        distance_derivatives(&pair->frame, measures, gradient, derivative, t / (2 * parts));
+        for (int m = 0; m < 6; ++m) mean[m] += gradient[m] / (2 * parts);
     }
     for (int m = 0; m < 6; ++m) defect -= mean[m] * change[m];
     if (squared_change > SMALLEST_CHANGE * squared_start)
