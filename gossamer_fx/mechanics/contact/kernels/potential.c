@@ -13,9 +13,9 @@
    as a parabola of x. */
 static const double LEAST_KEPT_DISTANCE = 0.02;
 
-/* Squared change of the measures over their squares, below which it is round-off, along which
-   nothing is corrected. */
-static const double SMALLEST_CHANGE = 1e-28;
+/* Error of (2) over the squared distances below which it is their round-off, which is not corrected:
+   in a pair at rest the correction would divide it by a change of the same size. */
+static const double ROUND_OFF = 1e-15;
 
 /* Gauss points of the path average (2), in the whole path or in each of its equal parts. */
 static const double GAUSS_POINTS[2] = {0.21132486540518713, 0.7886751345948129};
@@ -201,14 +201,10 @@ static void correct_along_change(const pair_step *pair, const double change[6], 
 static void mean_gradient(const pair_step *pair, const pair_vectors *middle, double mean[6],
                           double (*derivative)[6])
 {
-    double start[6], change[6], squared_change = 0, squared_start = 0, defect = pair->s1 - pair->s0;
+    double start[6], change[6], defect = pair->s1 - pair->s0;
     measures_of(&pair->start, start);
     change_of_measures(pair, middle, change);
-    for (int m = 0; m < 6; ++m) {
-        mean[m] = 0;
-        squared_change += change[m] * change[m];
-        squared_start += start[m] * start[m];
-    }
+    for (int m = 0; m < 6; ++m) mean[m] = 0;
     const int parts = pair->frame.of->is_rounded ? PARTS_OF_EDGES : 1;
     for (int g = 0; g < 2 * parts; ++g) {
         const double t = (g / 2 + GAUSS_POINTS[g % 2]) / parts;
@@ -218,7 +214,7 @@ static void mean_gradient(const pair_step *pair, const pair_vectors *middle, dou
         for (int m = 0; m < 6; ++m) mean[m] += gradient[m] / (2 * parts);
     }
     for (int m = 0; m < 6; ++m) defect -= mean[m] * change[m];
-    if (squared_change > SMALLEST_CHANGE * squared_start)
+    if (fabs(defect) > ROUND_OFF * (fabs(pair->s0) + fabs(pair->s1)))
         correct_along_change(pair, change, defect, mean, derivative);
 }
 
