@@ -78,7 +78,7 @@ BEAM_PATCH_RATIO = 0.08
 # Coarse unknowns, times ranks, up to which the coarse matrix is factorised; the V-cycle divides
 # among ranks.  With 17 thousand coarse unknowns (300 thousand unknowns) on one rank a Krylov
 # iteration, with its share of the set-ups, takes 92 ms by the factorisation and 85 ms by the
-# V-cycle.  On eight ranks 44 thousand unknowns take 16 and 19 Krylov iterations a step.
+# V-cycle.  On eight ranks 44 thousand unknowns take 16 and 20 Krylov iterations a step.
 MAX_UNKNOWNS_FACTORISED = 20_000
 
 # Largest number of nodes in a large patch, and of large patches in a group.  With 78 thousand
