@@ -22,6 +22,7 @@ EPS = float(np.finfo(float).eps)
 
 # Numbers of MUMPS's control parameters.
 ICNTL_ORDERING = 7
+ICNTL_SCALING = 8
 ICNTL_WORKSPACE_MARGIN = 14
 ORDERING_BY_MINIMUM_FILL = 2
 
@@ -199,6 +200,18 @@ def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
         return
     pc.setType("lu")
     pc.setFactorSolverType("mumps")
+
+
+def new_without_scaling(A: PETSc.Mat) -> PETSc.PC:
+    """A factorisation of A by MUMPS that does not scale its rows and columns: those of films, and
+    of beams and bodies without multipliers, need no pivots.  Of 47 thousand unknowns it takes 90
+    instead of 102 ms, on two ranks 56 instead of 72."""
+    pc = PETSc.PC().create(A.comm)
+    choose(pc)
+    pc.setOperators(A)
+    pc.setFactorSetUpSolverType()
+    pc.getFactorMatrix().setMumpsIcntl(ICNTL_SCALING, 0)
+    return pc
 
 
 def choose_for_steps(pc: PETSc.PC, A: PETSc.Mat) -> None:
@@ -404,18 +417,18 @@ def choose_fill(pc: PETSc.PC, levels: int) -> None:
         part.setFromOptions()
 
 
-class HardSteps:
-    """How many steps are factorised completely, after a solve with many Krylov iterations, before
-    an incomplete factorisation is tried again.
+class HardSolves:
+    """How many matrices or steps are factorised completely, after a solve with many Krylov
+    iterations, before an incomplete factorisation is tried again.
 
-    One such solve says little about the next step, several in turn do: their number doubles with
-    each, up to a limit, and a step without any halves it.
+    One such solve says little about the next matrix, several in turn do: their number doubles with
+    each, up to a limit, and a matrix or step without any halves it.
 
     Args:
-        limit: largest number of steps.
+        limit: largest number of matrices or steps.
 
     Attributes:
-        left: steps to go, the present one included.
+        left: matrices or steps to go, the present one included.
     """
 
     def __init__(self, limit: int) -> None:
@@ -424,15 +437,18 @@ class HardSteps:
         self._next = 1  # after the next hard solve
         self._at_start = (self.left, self._next)
 
-    def begin_step(self) -> None:
-        """Count a step."""
+    def count(self) -> None:
+        """Count a matrix or step."""
         if not self.left:
             self._next = max(self._next // 2, 1)
         self.left = max(self.left - 1, 0)
+
+    def begin_step(self) -> None:
+        """Remember the state for `restore`."""
         self._at_start = (self.left, self._next)
 
     def extend(self) -> None:
-        """A solve was hard: factorise the next steps."""
+        """A solve was hard: factorise the next matrices or steps."""
         self.left = self._next
         self._next = min(2 * self._next, self._limit)
 
