@@ -246,7 +246,7 @@ def _free_frames(system: System) -> list[Frames]:
 
 def _turns(d: Array) -> Array:
     """The matrices (n, 3k, 3) of (4), by which k directors d (n, 3k) turn with θ."""
-    directors = d.reshape(len(d), -1, 3)
+    directors = d.reshape(len(d), d.shape[1] // 3, 3)
     return -cross_matrices(directors).reshape(*d.shape, 3)
 
 
