@@ -226,24 +226,46 @@ def test_ties_that_follow_from_others_end_the_step_in_words(monkeypatch):
         run.run(until=1e-3)
 
 
-def test_matrices_of_many_iterations_are_factorised(monkeypatch):
-    """After a solve that takes more Krylov iterations than a factorisation costs, the matrix is
-    factorised, after several in turn the next 1, 3, 7 too, and the result is the same."""
+def test_a_step_of_many_iterations_is_factorised(monkeypatch):
+    """After a solve that takes more Krylov iterations than a factorisation costs, the other
+    matrices of the step and of the next one are factorised, and the result is the same."""
     run = simulation(braced, MPI.COMM_SELF, monkeypatch)
     other = simulation(braced, MPI.COMM_SELF)
     monkeypatch.setattr(condensed_constraints, "MAX_ITERATIONS", 0)
-    is_tried = []
-    original = CondensedConstraints.setUp
+    set_ups = []
+    original = CondensedConstraints._condense
 
-    def noted(preconditioner, pc):
-        original(preconditioner, pc)
-        is_tried.append(not preconditioner.hard_solves.left)
+    def counted(preconditioner, matrix):
+        set_ups.append(preconditioner._system.time)
+        original(preconditioner, matrix)
 
-    monkeypatch.setattr(CondensedConstraints, "setUp", noted)
+    monkeypatch.setattr(CondensedConstraints, "_condense", counted)
     for each in (run, other):
         each.run(until=3e-3)
-    assert len(is_tried) > 8
-    assert np.flatnonzero(is_tried)[:4].tolist() == [0, 1, 3, 7]
+    # The third step begins with Krylov iterations again.
+    assert set_ups == pytest.approx([0.0, 2e-3])
+    assert run.solver.newton.all_iterations > 3
+    assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
+
+
+@pytest.mark.parametrize("largest, is_scaled", [(1e-9, False), (0.0, True)])
+def test_a_factorisation_that_is_not_accurate_is_made_with_scaling(largest, is_scaled, monkeypatch):
+    run = simulation(braced, MPI.COMM_SELF, monkeypatch)
+    other = simulation(braced, MPI.COMM_SELF)
+    monkeypatch.setattr(condensed_constraints, "MAX_ITERATIONS", 0)
+    monkeypatch.setattr(condensed_constraints, "MAX_RESIDUAL", largest)
+    made = []
+    original = factorisation.new
+
+    def noted(A, is_scaled):
+        made.append(is_scaled)
+        return original(A, is_scaled)
+
+    monkeypatch.setattr(factorisation, "new", noted)
+    for each in (run, other):
+        each.run(until=1e-3)
+    assert not made[0]
+    assert made[-1] is is_scaled
     assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
 
 
@@ -252,10 +274,10 @@ def test_hard_solves_of_a_rejected_step_do_not_count(monkeypatch):
     run = simulation(braced, MPI.COMM_SELF, monkeypatch)
     run.run(until=1e-3)
     context = run.solver.newton._preconditioner.getPythonContext()
-    context.hard_solves.extend()
-    assert context.hard_solves.left
+    context.give_up()
+    assert context.is_factorised
     context.recover()
-    assert not context.hard_solves.left
+    assert not context.is_factorised
 
 
 @pytest.mark.mpi(1)

@@ -92,8 +92,12 @@ MIN_UNKNOWNS_WITH_FRAMES = 40_000
 # with narrow taut bands incomplete factors may not serve: one of 25 matrices of an antenna.
 MAX_ITERATIONS = 12
 
-# Largest number of matrices that are factorised before Krylov iterations are tried again.
-MAX_FACTORISED = 64
+# Relative residual of a solution from which a factorisation without scaling is not accurate enough.
+# Antennas have 1e-12.
+MAX_RESIDUAL = 1e-9
+
+# Largest number of steps that are factorised before Krylov iterations are tried again.
+MAX_FACTORISED_STEPS = 64
 
 KSP_REASON = PETSc.KSP.ConvergedReason
 
@@ -281,7 +285,7 @@ class CondensedConstraints:
         self._two_level = TwoLevel(system, condensation.owned, is_difficult=has_frames)
         self.inner.setPythonContext(self._two_level)
         self.problem = ""
-        self.hard_solves = factorisation.HardSolves(MAX_FACTORISED)
+        self._hard_steps = factorisation.HardSteps(MAX_FACTORISED_STEPS)
         self._step: tuple[float, float] | None = None  # time and length of the last step
         # R - 1 at the end and L - 1 in the middle of the step, see `_turn`
         self._E: csr_matrix
@@ -307,7 +311,7 @@ class CondensedConstraints:
     def recover(self) -> None:
         """Become usable again after a step that was not solved: its hard solves do not count."""
         self._two_level.recover()
-        self.hard_solves.restore()
+        self._hard_steps.restore()
         self._step = None
 
     # ---- structure, once -------------------------------------------------------------------------
@@ -448,20 +452,29 @@ class CondensedConstraints:
     # ---- for each matrix -------------------------------------------------------------------------
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Compute K of the present matrix A, and set up its preconditioner, unless K is factorised;
-        called by PETSc.  Collective."""
-        self.hard_solves.count()
+        """Compute K of the present matrix A, and set up its preconditioner, unless matrices of this
+        step are factorised; called by PETSc.  Collective."""
         step = self._system.time, self._system.h
         if step != self._step:
-            self.hard_solves.begin_step()
+            self._hard_steps.begin_step()
         self._step = step
-        self._condense(pc.getOperators()[0])
-        if not self.hard_solves.left:
-            self.inner.setUp()
+        if not self.is_factorised:
+            self._condense(pc.getOperators()[0])
             pc.setFailedReason(self.inner.getFailedReason())
 
+    @property
+    def is_factorised(self) -> bool:
+        """Whether A is factorised as a whole in the present step, as `CondensedSolver` decided."""
+        return self._hard_steps.left > 0
+
+    def give_up(self) -> None:
+        """Factorise the rest of this attempt at a step, and further ones, see `HardSteps`."""
+        self._hard_steps.extend()
+        # The present one does not count.
+        self._hard_steps.left += 1
+
     def _condense(self, matrix: PETSc.Mat) -> None:
-        """Compute K of a matrix A.  Collective."""
+        """Compute K of a matrix A, and set up its preconditioner.  Collective."""
         E, E_middle = self._turn()
         self._A = self._rows_of(matrix)
         self._own_A = self._A[self._changed_rows]
@@ -476,6 +489,7 @@ class CondensedConstraints:
         self._add(K, self._columns_of(E_middle) @ of_changed, self._near)
         self._add(K, self._unit_rows - self._A[self._gone_rows], gone)
         K.assemble()
+        self.inner.setUp()
 
     def _rows_of(self, matrix: PETSc.Mat) -> csr_matrix:
         """This rank's rows of a matrix that change, with columns near them.  Collective."""
@@ -584,9 +598,9 @@ class CondensedSolver:
     takes 4.4 instead of 9.7 iterations for one of Newton's, at tolerances with which these are as
     many.
 
-    A solve that takes more than `MAX_ITERATIONS` is ended by a factorisation of K, and so are the
-    next ones if it is not the first in turn (`factorisation.HardSolves`): with solutions of a few
-    digits Newton's iteration may not converge there.
+    A solve that takes more than `MAX_ITERATIONS` is ended by a factorisation of the whole matrix,
+    and so are the others of the step and some steps more: with solutions of a few digits Newton's
+    iteration may not converge there.
     """
 
     def __init__(self, preconditioner: CondensedConstraints) -> None:
@@ -603,7 +617,7 @@ class CondensedSolver:
         pc = self._krylov.getPC()
         pc.setType("python")
         pc.setPythonContext(context)
-        self._complete: PETSc.PC | None = None  # a factorisation of K, for hard solves
+        self._complete: PETSc.PC | None = None  # a factorisation of A, in hard steps
         # Diagonal^(-1/2).
         self._scale = K.createVecLeft()
         self._work = K.createVecLeft()
@@ -621,44 +635,61 @@ class CondensedSolver:
     def solve(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Solve (1) for a residual r to the relative tolerance of `ksp`; called by PETSc, after the
         set-up of the preconditioner.  Collective."""
-        if not self._condensed.hard_solves.left:
+        if not self._condensed.is_factorised:
             # Factors take much memory and are seldom needed.
             if self._complete is not None:
                 self._complete.destroy()
                 self._complete = None
             self._iterate(ksp, r, z)
-        if self._condensed.hard_solves.left:
+        if self._condensed.is_factorised:
             self._factorise(ksp, r, z)
-        if ksp.getConvergedReason() > 0:
-            self._condensed.expand(r, z)
 
-    def _iterate(self, ksp: PETSc.KSP, r: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Solve (3) by Krylov iterations, or find that it is to be factorised.  Collective."""
+    def _iterate(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        """Solve (1) by Krylov iterations, or find that it is to be factorised.  Collective."""
         right = self._condensed.condensed(r)
         self._condensed.K.getDiagonal(self._scale)
         self._scale.sqrtabs()
         self._scale.reciprocal()
         right.pointwiseMult(right, self._scale)
         self._krylov.setTolerances(rtol=ksp.getTolerances()[0], max_it=MAX_ITERATIONS)
-        self._krylov.solve(right, y)
+        self._krylov.solve(right, z)
         reason = self._krylov.getConvergedReason()
         self._condensed.problem = ""
         ksp.setIterationNumber(self._krylov.getIterationNumber())
         ksp.setConvergedReason(reason)
         if reason < 0:
-            self._condensed.hard_solves.extend()
+            self._condensed.give_up()
+        else:
+            self._condensed.expand(r, z)
 
-    def _factorise(self, ksp: PETSc.KSP, r: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Solve (3) by a factorisation.  Collective."""
+    def _factorise(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        """Solve (1) by a factorisation, with scaled rows and columns only where it is not accurate
+        without.  Collective."""
+        A = ksp.getOperators()[0]
         if self._complete is None:
-            self._complete = factorisation.new_without_scaling(self._condensed.K)
-        self._condensed.problem = factorisation.set_up(self._complete)
-        reason = KSP_REASON.DIVERGED_PCSETUP_FAILED
-        if not self._condensed.problem:
-            self._complete.apply(self._condensed.condensed(r), y)
-            reason = KSP_REASON.CONVERGED_ITS
+            self._complete = factorisation.new(A, is_scaled=False)
+        if not self._is_accurate(A, r, z):
+            self._complete.destroy()
+            self._complete = factorisation.new(A, is_scaled=True)
+            self._is_accurate(A, r, z)
+        reason = KSP_REASON.CONVERGED_ITS
+        if self._condensed.problem:
+            reason = KSP_REASON.DIVERGED_PCSETUP_FAILED
         ksp.setIterationNumber(ksp.getIterationNumber() + 1)
         ksp.setConvergedReason(reason)
+
+    def _is_accurate(self, A: PETSc.Mat, r: PETSc.Vec, z: PETSc.Vec) -> bool:
+        """Set z to the solution of A z = r by the present factorisation; whether it is accurate.
+        Sets `problem`.  Collective."""
+        self._complete.setOperators(A)
+        self._condensed.problem = factorisation.set_up(self._complete)
+        if self._condensed.problem:
+            return False
+        self._complete.apply(r, z)
+        A.mult(z, self._work)
+        self._work.axpy(-1.0, r)
+        # Written so that NaN counts as inaccurate.
+        return bool(self._work.norm() <= MAX_RESIDUAL * r.norm())
 
 
 def for_constraints(

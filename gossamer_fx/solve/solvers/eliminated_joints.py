@@ -153,7 +153,7 @@ class EliminatedJoints:
         self._complete = PETSc.PC().create(self._comm)
         factorisation.choose(self._complete)
         self._is_complete = False
-        self._hard_solves = factorisation.HardSolves(MAX_FACTORISED_STEPS)
+        self._hard_steps = factorisation.HardSteps(MAX_FACTORISED_STEPS)
         self._is_first = False  # whether the factors are those of the first matrix of the step
         self.max_applications = max_applications(system.numbering.size, max_iterations)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
@@ -190,15 +190,14 @@ class EliminatedJoints:
         self._step = step
         self._is_first = is_new_step
         if is_new_step:
-            self._hard_solves.count()
-            self._hard_solves.begin_step()
+            self._hard_steps.begin_step()
         # With factors of an earlier matrix, many iterations say nothing about those of the present
         # one.
         if self._applications > self.max_applications and not self._is_kept:
-            self._hard_solves.extend()
+            self._hard_steps.extend()
         self._applications = 0
         self._is_kept = False
-        self._is_complete = self._hard_solves.left > 0
+        self._is_complete = self._hard_steps.left > 0
         if self._is_complete:
             factorisation.replace(self._complete, matrix)
             self.problem = factorisation.set_up(self._complete)
@@ -336,6 +335,6 @@ class EliminatedJoints:
         """
         self._step = None
         self._applications = 0
-        self._hard_solves.restore()
+        self._hard_steps.restore()
         if self.problem:
-            self._hard_solves.left = MAX_FACTORISED_STEPS
+            self._hard_steps.left = MAX_FACTORISED_STEPS
