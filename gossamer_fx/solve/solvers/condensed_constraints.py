@@ -44,8 +44,11 @@ Algorithm.
 
 The matrix A is stored with the fill of K, so that the copy is one of memory.
 
-Limits.  No contact, whose couplings change the pattern.  No multipliers of other joints.  Of
-directors that are held in part the multipliers remain.
+Contact.  Its couplings C change their pattern.  The operator of the iteration adds products
+Lᵀ C R y; the two-level preconditioner gets K + Lᵀ C R with the strong ones, as a new matrix.
+
+Limits.  No contact together with gas.  No multipliers of other joints.  Of directors that are held
+in part the multipliers remain.
 
 Tried, without gain: beams that hold a film at a few points factorised by themselves, and coupled by
 a dense Schur complement.  The antenna of 170 thousand unknowns took as long as with a factorisation
@@ -90,7 +93,7 @@ MIN_UNKNOWNS_WITH_FRAMES = 40_000
 
 # Krylov iterations after which a factorisation costs less than more of them.  In almost slack film
 # with narrow taut bands incomplete factors may not serve: one of 25 matrices of an antenna.
-MAX_ITERATIONS = 12
+MAX_ITERATIONS = 8
 
 # Relative residual of a solution from which a factorisation without scaling is not accurate enough.
 # Antennas have 1e-12.
@@ -297,8 +300,12 @@ class CondensedConstraints:
         # Rows have more columns now.
         self._find_rows(system.A)
         self.K = system.A.duplicate()
-        self.inner.setOperators(self.K)
+        # After the matrices are made again.
+        self.tangent = system.coupled_tangent
+        self._coupled = self.K  # K with strong couplings of contact
         self._right = system.numbering.vector()
+        self._work = system.numbering.vector()
+        self._product = system.numbering.vector()
         self._gather = Gather(system.numbering, [self._near])
 
     def __str__(self) -> str:
@@ -489,7 +496,49 @@ class CondensedConstraints:
         self._add(K, self._columns_of(E_middle) @ of_changed, self._near)
         self._add(K, self._unit_rows - self._A[self._gone_rows], gone)
         K.assemble()
+        if self._coupled.handle != K.handle:
+            self._coupled.destroy()
+        self._coupled = self._with_strong_couplings()
+        self.inner.setOperators(self._coupled, K)
         self.inner.setUp()
+
+    def _with_strong_couplings(self) -> PETSc.Mat:
+        """K + Lᵀ C R with those couplings C of contact that a preconditioner needs, as a new
+        matrix; K itself if there are none.  Collective."""
+        strong = self.tangent.strong_couplings()
+        if not strong:
+            return self.K
+        total = self.K.copy()
+        # The pattern of K is fixed, and the couplings have entries elsewhere.
+        total.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+        R = self._as_matrix(self._own_E)
+        L = self._as_matrix(self._own_E_middle)
+        for C in strong:
+            scalar = C.convert("aij", PETSc.Mat())
+            CR = scalar.matMult(R)
+            condensed = L.transposeMatMult(CR)
+            condensed.convert(total.getType())
+            total.axpy(1.0, condensed, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            for matrix in (C, scalar, CR, condensed):
+                matrix.destroy()
+        R.destroy()
+        L.destroy()
+        return total
+
+    def _as_matrix(self, own_E: csr_matrix) -> PETSc.Mat:
+        """R or L of all ranks, from this rank's changed rows of R - 1 or L - 1.  Collective."""
+        R = PETSc.Mat().create(self.K.comm)
+        R.setType("aij")
+        R.setSizes(self.K.getSizes())
+        R.setBlockSize(self.K.getBlockSize())
+        R.setUp()
+        R.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        ones = self.K.createVecLeft()
+        ones.set(1.0)
+        R.setDiagonal(ones, addv=PETSc.InsertMode.ADD_VALUES)
+        self._add(R, own_E, self._rows[self._changed_rows])
+        R.assemble()
+        return R
 
     def _rows_of(self, matrix: PETSc.Mat) -> csr_matrix:
         """This rank's rows of a matrix that change, with columns near them.  Collective."""
@@ -552,9 +601,30 @@ class CondensedConstraints:
         self._shift = self._G @ self._gather(r)[0]
         r.copy(right)
         right.array[self._rows - self._system.numbering.start] -= self._A @ self._shift
-        of_changed = right.array_r[self._own_changed]
-        self._gather.add(self._own_E_middle.T @ of_changed, right)
+        if self.tangent.is_coupled:
+            self._work.zeroEntries()
+            self._work.array[self._own_changed] = -self._shift[self._changed_near]
+            self.tangent.add_couplings(self._work, right)
+        self._project(right)
         return right
+
+    def _project(self, r: PETSc.Vec) -> None:
+        """Turn r into Lᵀ r, in place.  Collective."""
+        of_changed = r.array_r[self._own_changed]
+        self._gather.add(self._own_E_middle.T @ of_changed, r)
+
+    def add_couplings(self, y: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Add Lᵀ C R y to `out`, with all couplings C of contact.  Collective."""
+        if not self.tangent.is_coupled:
+            return
+        z = self._work
+        y.copy(z)
+        z.array[self._own_changed] += self._own_E @ self._gather(y)[0]
+        product = self._product
+        product.zeroEntries()
+        self.tangent.add_couplings(z, product)
+        self._project(product)
+        out.axpy(1.0, product)
 
     def expand(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Turn z = y into all coordinates and multipliers, in place; r is the residual of the last
@@ -563,8 +633,12 @@ class CondensedConstraints:
         # z = R y + G s, without multipliers.
         z.array[own] += self._own_E @ self._gather(z)[0]
         z.array[own] += self._shift[self._changed_near]
-        # λ = Hᵀ (r - A z).
+        # λ = Hᵀ (r - A z), where A has the couplings of contact.
         residual = r.array_r[own] - self._own_A @ self._gather(z)[0]
+        if self.tangent.is_coupled:
+            self._work.zeroEntries()
+            self.tangent.add_couplings(z, self._work)
+            residual -= self._work.array_r[own]
         self._gather.add(self._own_H.T @ residual, z)
 
 
@@ -623,8 +697,9 @@ class CondensedSolver:
         self._work = K.createVecLeft()
 
     def multiply(self, y: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Set out = D^(-1/2) K y, with the diagonal D of K."""
+        """Set out = D^(-1/2) (K + Lᵀ C R) y, with the diagonal D of K and couplings C."""
         self._condensed.K.mult(y, out)
+        self._condensed.add_couplings(y, out)
         out.pointwiseMult(out, self._scale)
 
     def precondition(self, r: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -665,7 +740,11 @@ class CondensedSolver:
     def _factorise(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Solve (1) by a factorisation, with scaled rows and columns only where it is not accurate
         without.  Collective."""
-        A = ksp.getOperators()[0]
+        A = self._condensed.tangent.whole()
+        if self._complete is not None and A.handle != self._complete.getOperators()[0].handle:
+            # Couplings of contact have changed the pattern.
+            self._complete.destroy()
+            self._complete = None
         if self._complete is None:
             self._complete = factorisation.new(A, is_scaled=False)
         if not self._is_accurate(A, r, z):
@@ -677,6 +756,9 @@ class CondensedSolver:
             reason = KSP_REASON.DIVERGED_PCSETUP_FAILED
         ksp.setIterationNumber(ksp.getIterationNumber() + 1)
         ksp.setConvergedReason(reason)
+        if A.handle != self._condensed.tangent.A.handle:
+            # The preconditioner retains it; on several ranks PETSc would hold what Python drops.
+            A.destroy()
 
     def _is_accurate(self, A: PETSc.Mat, r: PETSc.Vec, z: PETSc.Vec) -> bool:
         """Set z to the solution of A z = r by the present factorisation; whether it is accurate.
@@ -702,7 +784,8 @@ def for_constraints(
     """
     few = eliminated_unknowns(system)
     is_large = few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
-    if not system.active_sets and _has_films(system):
+    has_contact = bool(system.active_sets)
+    if (not has_contact or (few is None and is_alone)) and _has_films(system):
         frames = _free_frames(system)
         if is_large or not frames:
             condensation = Condensation(system, frames)

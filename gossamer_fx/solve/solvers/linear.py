@@ -228,7 +228,7 @@ class BorderedPreconditioner:
         if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
             factorisation.replace(self._sparse, tangent.whole())
         elif self._needs_couplings:
-            self._sparse.setOperators(tangent.for_preconditioner())
+            self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
         else:
             self._sparse.setOperators(tangent.A)
         self._sparse.setUp()
@@ -300,7 +300,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         from gossamer_fx.solve.solvers import condensed_constraints
 
         # Scalar unknowns need a separate preconditioner.
-        is_alone = ksp.getPC().handle == pc.handle
+        is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
         context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS, is_alone)
         if context is not None:
             _choose_gmres(ksp)
