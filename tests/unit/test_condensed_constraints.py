@@ -209,7 +209,7 @@ def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
     assert newton.linear_iterations < 12 * newton.all_iterations
 
 
-@pytest.mark.mpi(1)
+@pytest.mark.mpi
 @pytest.mark.parametrize("make", [book, stiff_book])
 def test_steps_with_contact_are_those_of_a_factorisation(make, comm, monkeypatch):
     """Couplings of contact, some at tied nodes and at nodes that a beam holds, are condensed."""

@@ -86,13 +86,13 @@ NO_COEFFICIENT = 1e-12
 MIN_FILM_SHARE = 0.5
 
 # Unknowns from which frames are condensed.  With 47 thousand a step of a taut film between beams
-# takes 1.4 s of CPU time on one rank and 0.9 s on two, with all factorised 1.9 and 1.2 s.  Almost
-# slack film of an antenna with 47 and 170 thousand takes 1.06 and 1.03 times as long as with all
-# factorised.
+# takes 1.4 s of CPU time on one rank and 0.9 s on two, with all factorised 1.9 and 1.2 s.
 MIN_UNKNOWNS_WITH_FRAMES = 40_000
 
-# Krylov iterations after which a factorisation costs less than more of them.  In almost slack film
-# with narrow taut bands incomplete factors may not serve: one of 25 matrices of an antenna.
+# Krylov iterations after which a factorisation costs less than more of them, 5 for 47 thousand
+# unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few digits
+# may also double Newton's iterations.  14 and 32 steps of the former take 1.11 and 0.91 of the time
+# of factorisations alone, with a limit of 12 the latter take 1.25.
 MAX_ITERATIONS = 8
 
 # Relative residual of a solution from which a factorisation without scaling is not accurate enough.
