@@ -16,7 +16,12 @@ import tempfile
 
 FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer -g"
 # Tests of the rooms that have C kernels of the package.
-DEFAULT_TESTS = ["tests/contact", "tests/reduction", "tests/conservation/test_compartments.py"]
+DEFAULT_TESTS = [
+    "tests/contact",
+    "tests/reduction",
+    "tests/conservation/test_compartments.py",
+    "tests/unit/test_cell_loops.py",
+]
 
 
 def library_path(name: str) -> str:

@@ -45,9 +45,9 @@ def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
     assert run.totals.mass_supplied == pytest.approx(-choked * 1e-5, rel=0.02)
 
 
-def compartments(order: int = 1, cells: int = 6, law=FILM):
+def compartments(order: int = 1, cells: int = 6, law=FILM, others=()):
     """A flat tube in space, turning and drifting, inflated from a tank through the first of two
-    compartments."""
+    compartments; and other items."""
 
     def slightly_open(X):
         lift = 1e-3 * np.sin(np.pi * X[0] / 0.3) * np.cos(np.pi * X[1] / 0.1)
@@ -77,7 +77,7 @@ def compartments(order: int = 1, cells: int = 6, law=FILM):
     tank = gx.Tank(1e-5, gas=NITROGEN, pressure=1e6, temperature=300.0)
     inlet = gx.Orifice(tank, one, area=1e-6, name="inlet")
     passage = gx.Orifice(one, two, area=ring, discharge_coefficient=0.8, name="passage")
-    return gx.Simulation(gx.Scene(film, inlet, passage), gx.Midpoint(dt=1e-4))
+    return gx.Simulation(gx.Scene(film, inlet, passage, *others), gx.Midpoint(dt=1e-4))
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -98,12 +98,18 @@ def test_two_compartments_conserve_everything_in_free_flight(order):
 
 
 @pytest.mark.mpi(1)
-@pytest.mark.parametrize("order", [1, 2])
-def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
-    """A δ against a central difference of the forces at held pressures."""
+@pytest.mark.parametrize(("order", "has_link"), [(1, False), (2, False), (1, True)])
+def test_the_tangent_contains_the_share_of_the_rings(order, has_link, monkeypatch):
+    """A δ against a central difference of the forces at held pressures.  The multiplier of a link
+    is a single number, so that the matrix has no blocks of three."""
+    others = []
+    if has_link:
+        a, b = (gx.PointMass(0.1, (x, 1.0, 0.0), name=f"mass at {x}") for x in (0.0, 0.1))
+        others = [gx.constraints.Link(a.port(), b.port())]
     # Soft, so that the pressure loads and their tangent outweigh the stiffness of the film.
     soft = gx.Linear(E=1e3, nu=0.3, density=1420.0, thickness=25e-6)
-    system = compartments(order, cells=4, law=soft).system
+    system = compartments(order, cells=4, law=soft, others=others).system
+    assert system.numbering.block_size == (1 if has_link else 3)
     y = system.begin_step(1e-4)
     system.set_inertia(0.0)
     start, end = system.q0.getOwnershipRange()

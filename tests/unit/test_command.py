@@ -213,14 +213,21 @@ def test_the_words_of_a_demo_are_its_own(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(os, "execv", lambda program, words: started.append(words))
     monkeypatch.setenv("PYTHONPATH", "")
     demo.main([])
-    demo.main(["--ranks", "2"])
-    demo.main(["pillow.py", "--help"])
+    demo.main(["sprout.py", "deployed"])
     programs = [(Path(words[1]).name, words[2:]) for words in started]
-    assert programs == [
-        ("folded_tube.py", []),
-        ("folded_tube.py", ["--ranks", "2"]),
-        ("pillow.py", ["--help"]),
-    ]
+    assert programs == [("folded_tube.py", []), ("sprout.py", ["deployed"])]
+
+
+def test_a_demo_starts_neither_for_help_nor_with_words_that_it_does_not_take(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delattr(os, "execv")
+    assert demo.main(["pillow", "--help"]) == 0
+    assert "./gossamer demo pillow" in capsys.readouterr().out
+    assert demo.main(["pillow", "cells=8"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "leave 'cells=8' out" in said
 
 
 def test_doctor_tells_what_is_missing(

@@ -119,7 +119,7 @@ def test_a_process_looks_for_a_kernel_once(cache, monkeypatch):
     search = dolfinx.jit.ffcx_jit
 
     def counted(*args, **options):
-        searches.append(args)
+        searches.append(None)
         return search(*args, **options)
 
     monkeypatch.setattr(dolfinx.jit, "ffcx_jit", counted)

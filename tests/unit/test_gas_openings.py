@@ -418,7 +418,7 @@ def test_filling_through_a_pipe_conserves_and_ends_at_rest():
 @pytest.mark.parametrize("h", [1e-4, 0.05, 20.0])
 def test_the_balance_in_c_is_that_in_python(h):
     """Choked, subsonic, laminar and reversed flows between three tanks, a reservoir and a vacuum:
-    residual, derivatives and solution at volumes that have changed."""
+    residual, its scales, derivatives and solution at volumes that have changed."""
     a, b, c = tank(5e5, "a"), tank(2e5, "b", 0.02), tank(1.9999e5, "c", 0.005)
     orifices = [
         gx.Orifice(a, b, area=2e-6, name="choked"),
@@ -439,6 +439,7 @@ def test_the_balance_in_c_is_that_in_python(h):
     W = V - network.volumes
     y = guess * (1.01, 0.98, 1.03, 0.99, 1.02, 1.0)
     scale = in_c.scales(y, V, V)
+    assert scale == pytest.approx(in_python.scales(y, V, V), rel=1e-13)
     difference = in_c.residual(y, V, W) - in_python.residual(y, V, W)
     assert abs(difference / scale).max() <= 1e-14 * (1 + abs(in_c.residual(y, V, W) / scale).max())
     pairs = zip(in_c.derivatives(y, V, W), in_python.derivatives(y, V, W), strict=True)

@@ -64,8 +64,8 @@ def test_the_rows_of_points_may_have_any_order() -> None:
     other.respond()
     assert np.array_equal(shuffled.response[order], values.response)
     densities = np.zeros((2, len(order)))
-    law.density(densities[0])
-    other.density(densities[1])
+    law.density_in(densities[0])()
+    other.density_in(densities[1])()
     assert np.array_equal(densities[1][order], densities[0])
 
 

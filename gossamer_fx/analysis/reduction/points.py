@@ -119,6 +119,7 @@ class Points:
         self.law = PointLaw(functions, values, cells, may_choose=may_choose)
         self._linear_strain = np.zeros((q, 3))
         self._density = np.zeros(q)
+        self._set_density = self.law.density_in(self._density)
         self._G = np.ascontiguousarray(G).reshape(2 * q, self._r)
         self._dA = dA.ravel()
         # Gradients at the start and at the end of the step; forces N and products T G (module
@@ -181,7 +182,7 @@ class Points:
 
     def energy(self) -> float:
         """Stored energy [J] of this rank's cells at the start of the step."""
-        self.law.density(self._density)
+        self._set_density()
         return float(self._density @ self._dA)
 
     def forces(self, α: float) -> Array:

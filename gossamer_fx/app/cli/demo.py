@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import sys
 from collections.abc import Sequence
@@ -40,10 +41,12 @@ def main(words: Sequence[str]) -> int:
     """Replace this process by a demo.
 
     Args:
-        words: the name of a demo, the default one if it is left out, then the demo's own arguments.
+        words: the name of a demo, the default one if it is left out, then the demo's own arguments,
+            or --help for what it is about.
 
     Returns:
-        Exit code 2 if there is no such demo, or no folder of demos; else it does not return.
+        Exit code 2 if there is no such demo, no folder of demos, or the demo takes no arguments; 0
+        after --help; else it does not return.
     """
     rest = list(words)
     name = DEFAULT
@@ -55,6 +58,16 @@ def main(words: Sequence[str]) -> int:
     demos = demos_of(folder)
     if name not in demos:
         sys.stderr.write(f"gossamer: there is no demo '{name}'; give one of {', '.join(demos)}.\n")
+        return 2
+    source = demos[name].read_text(encoding="utf-8")
+    if {"-h", "--help"} & set(rest):
+        sys.stdout.write(f"{ast.get_docstring(ast.parse(source))}\n")
+        return 0
+    if rest and "sys.argv" not in source:
+        sys.stderr.write(
+            f"gossamer: the demo '{name}' takes no arguments; leave '{' '.join(rest)}' out, or see "
+            f"gossamer demo {name} --help.\n"
+        )
         return 2
     _replace_process(folder, demos[name], rest)
 

@@ -6,7 +6,8 @@ runs rank by rank, and on each rank block after block, so every rank owns one co
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.block_entries import block_assembly
 from gossamer_fx.core.forms.backend import add_to_matrix
 from gossamer_fx.core.model.body import Block
 
@@ -45,6 +47,8 @@ class NumberedBlock:
         # as for the tangent it would otherwise be made again in each iteration.
         self._matrix: PETSc.Mat | None = None
         self._diagonal_block: PETSc.Mat | None = None
+        # What adds forms to it.
+        self._entered: dict[fem.Form, Callable[[], None]] = {}
 
     @property
     def rows(self) -> GlobalIndices:
@@ -59,17 +63,29 @@ class NumberedBlock:
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form]) -> None:
         """Add compiled bilinear forms of the body's space to the diagonal block of A with its
         unknowns; A is not assembled afterwards."""
-        numbering = self.numbering
         if A is not self._matrix:
             if self._diagonal_block is not None:
                 self._diagonal_block.destroy()
-            local = numbering.local_sets[self.k]
+            local = self.numbering.local_sets[self.k]
             self._diagonal_block = A.getLocalSubMatrix(local, local)
             self._matrix = A
+            self._entered = {}
+        for form in forms:
+            if form not in self._entered:
+                self._entered[form] = self._entering(A, form)
+            self._entered[form]()
+
+    def _entering(self, A: PETSc.Mat, form: fem.Form) -> Callable[[], None]:
+        """What adds a form to A."""
+        numbering = self.numbering
+        found = None
+        if A is numbering.fixed:
+            found = block_assembly(A, form, numbering.indices[self.k])
+        if found is not None:
+            return found
         # Blocks of nodes can be entered only where the matrix has blocks of the same size.
         unrolled = numbering.block_size != numbering.blocks[self.k].size
-        for form in forms:
-            add_to_matrix(self._diagonal_block, form, unrolled)
+        return partial(add_to_matrix, self._diagonal_block, form, unrolled)
 
 
 class Numbering:
@@ -88,10 +104,12 @@ class Numbering:
         block_size: unknowns of a node if all nodes have equally many; otherwise 3 if all nodes
             consist of vectors, and 1 if some do not.
         full: whether matrices are dense.
+        fixed: the matrix whose pattern does not change, see `fix_pattern`.
     """
 
     def __init__(self, comm: MPI.Intracomm, blocks: list[Block]) -> None:
         """Number the unknowns of all blocks, rank by rank and block by block.  Collective."""
+        self.fixed: PETSc.Mat | None = None
         self.comm = comm
         self.blocks = blocks
         sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)
@@ -176,6 +194,13 @@ class Numbering:
         A.setLGMap(self._map, self._map)
         A.setUp()
         return A
+
+    def fix_pattern(self, A: PETSc.Mat) -> None:
+        """Keep the pattern of a matrix, which is assembled, until that of another one is fixed: an
+        entry outside raises an error of PETSc."""
+        A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+        self.fixed = A
 
 
 def _common_block_size(sizes: set[int]) -> int:

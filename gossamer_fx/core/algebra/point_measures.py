@@ -416,3 +416,34 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
         addv=PETSc.InsertMode.ADD_VALUES,
         rowmap=rows.ravel().astype(PETSc.IntType),
     )
+
+
+class FixedBlocks:
+    """Blocks of three rows and columns at fixed places of a matrix, entered in one call."""
+
+    def __init__(self, numbering: Numbering, rows: GlobalIndices, columns: GlobalIndices) -> None:
+        """`rows` and `columns` (b,) are the global indices at which the blocks begin, in ascending
+        order of the rows."""
+        # A matrix whose own blocks have this size takes them as they are, by their numbers.
+        self._has_blocks = numbering.block_size == 3
+        if self._has_blocks:
+            block_rows, counts = np.unique(rows // 3, return_counts=True)
+            self._rows = block_rows.astype(PETSc.IntType)
+            self._starts = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
+            self._columns = (columns // 3).astype(PETSc.IntType)
+        else:
+            self._rows = (rows[:, None] + np.arange(3)).astype(PETSc.IntType)
+            self._columns = (columns[:, None] + np.arange(3)).astype(PETSc.IntType)
+
+    def add(self, A: PETSc.Mat, blocks: Array) -> None:
+        """Add the blocks (b, 3, 3) to a matrix, which is not assembled afterwards."""
+        if self._has_blocks:
+            A.setValuesBlockedIJV(
+                self._starts,
+                self._columns,
+                blocks.ravel(),
+                addv=PETSc.InsertMode.ADD_VALUES,
+                rowmap=self._rows,
+            )
+        else:
+            add_blocks(A, self._rows, self._columns, blocks)

@@ -20,7 +20,7 @@ for one of C++, in each iteration.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from inspect import signature
@@ -58,6 +58,7 @@ __all__ = [
     "Topology",
     "add_to_matrix",
     "add_to_vector",
+    "cell_integral",
     "cell_nodes",
     "distribute",
     "evaluate",
@@ -65,8 +66,9 @@ __all__ = [
     "gmsh_order",
     "interpolation_points",
     "loaded_kernel",
+    "pack_constants",
     "submesh_of",
-    "tabulation",
+    "values_and_rows",
 ]
 
 # (major, minor) of dolfinx
@@ -216,23 +218,27 @@ def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
     return np.asarray(values).reshape(len(cells), width)
 
 
-def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[[], None]:
-    """Return what sets a function, whose space stores values at points of cells, to the values of
-    an expression that was compiled for these points, in all cells, ghosts included.  Unlike
-    `Function.interpolate` it makes no copies."""
-    space = at_points.function_space
-    mesh = space.mesh
-    dofs = space.dofmap.list
-    cells = np.arange(len(dofs), dtype=np.int32)
-    rows = at_points.x.array.reshape(-1, space.dofmap.index_map_bs)
+def pack_constants(compiled: fem.Form | fem.Expression) -> Array:
+    """The present values of all constants of a compiled form or expression, one after the other."""
+    return np.asarray(dolfinx.cpp.fem.pack_constants(compiled._cpp_object))
 
-    def evaluate_all() -> None:
-        # Of no cells the shape of the values is unknown.
-        if len(cells):
-            values = np.asarray(expression.eval(mesh, cells))
-            rows[dofs] = values.reshape(*dofs.shape, -1)
 
-    return evaluate_all
+def values_and_rows(function: Any) -> tuple[Array, Indices]:
+    """Values (n, size) of a function of dolfinx's C++ library at its nodes, ghosts included, and
+    the rows (cells, k) of the nodes of each local cell."""
+    dofmap = function.function_space.dofmap
+    return function.x.array.reshape(-1, dofmap.bs), dofmap.map()
+
+
+def cell_integral(form: fem.Form) -> tuple[Any, Indices] | None:
+    """The compiled integral of a form that is one over owned cells, and their local numbers; None:
+    it is not."""
+    kind = fem.IntegralType.cell
+    numbers = form._cpp_object.integral_ids(kind)
+    if form.integral_types != {kind} or len(numbers) != 1:
+        return None
+    cells = np.asarray(form._cpp_object.domains(kind, numbers[0]), dtype=np.int32)
+    return form.ufcx_form.form_integrals[0], cells
 
 
 def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:

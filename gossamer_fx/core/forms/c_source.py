@@ -133,9 +133,15 @@ def check_indices(name: str, indices: npt.NDArray[np.integer], count: int) -> No
 
 
 def declarations_of(header: Path) -> str:
-    """Return the declarations of a header as cffi reads them: all lines but the preprocessor's."""
-    lines = header.read_text(encoding="utf-8").splitlines()
-    return "\n".join(line for line in lines if not line.startswith("#"))
+    """Return the declarations of a header, and of those of the package that it includes, as cffi
+    reads them: all lines but the preprocessor's."""
+    lines = []
+    for line in header.read_text(encoding="utf-8").splitlines():
+        if line.startswith('#include "'):
+            lines.append(declarations_of(header.parent / line.split('"')[1]))
+        elif not line.startswith("#"):
+            lines.append(line)
+    return "\n".join(lines)
 
 
 # Libraries of this process, by their headers: each is loaded once.
@@ -145,11 +151,12 @@ _loaded: dict[Path, CLibrary] = {}
 def c_library(header: Path, comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
     """Return the C functions that a header declares, of all C files in its folder.
 
-    The first call for a header is collective: rank 0 of `comm` compiles the files, or finds them in
-    the cache of kernels, and the others wait.  Without a C compiler it raises `InputError`; if the
+    Collective: rank 0 of `comm` compiles the files, or finds them in the cache of kernels, and the
+    others wait.  Without a C compiler it raises `InputError`; if the
     compiler refuses the files, `cffi.VerificationError`, on other ranks `RuntimeError`.
     """
-    if header not in _loaded:
+    # A rank may have loaded a library that others have not, for a separate mesh.
+    if comm.allreduce(header not in _loaded, op=MPI.LOR):
         _loaded[header] = _load(header, comm)
     return _loaded[header]
 
@@ -163,7 +170,9 @@ def _load(header: Path, comm: MPI.Intracomm) -> CLibrary:
         arguments.append("-DKERNELS_TAKE_DATA")
     arguments += shlex.split(os.environ.get(FLAGS_VARIABLE, ""))
     # All on which the machine code depends; the version of Python, because cffi links against it.
-    texts = [path.read_text(encoding="utf-8") for path in sorted(header.parent.glob("*.[ch]"))]
+    # Files of other folders may include those of this one.
+    paths = {*header.parent.glob("*.[ch]"), *Path(__file__).parent.glob("*.[ch]")}
+    texts = [path.read_text(encoding="utf-8") for path in sorted(paths)]
     digest = hashlib.sha1("\n".join([*texts, *arguments, sys.version]).encode()).hexdigest()
     module = f"gossamer_{header.stem}_{digest[:HASH_DIGITS]}"
     path = Path(options["cache_dir"]) / f"{module}.so"

@@ -18,7 +18,6 @@ from gossamer_fx.core.forms.backend import (
     cell_nodes,
     facets_of,
     interpolation_points,
-    tabulation,
 )
 from gossamer_fx.core.forms.bending import (
     DEGREE,
@@ -28,6 +27,7 @@ from gossamer_fx.core.forms.bending import (
     OrthotropicBending,
     curvature,
 )
+from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.tied_strain import tied_strain

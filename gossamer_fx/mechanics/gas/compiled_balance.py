@@ -25,6 +25,7 @@ from gossamer_fx.mechanics.gas.balance import (
     MAX_ITERATIONS,
     MIN_REMAINING_SHARE,
     RESIDUAL_TOLERANCE,
+    ROUND_OFF_SHARE,
     Balance,
     HeatPath,
     Passage,
@@ -73,7 +74,14 @@ class CompiledBalance(Balance):
         self._length: Array = np.zeros(1)
         self._areas: Array = np.zeros(m)
         self._boundary: Array = np.zeros((m, 2, 2))
-        self._start: Array = np.zeros((5, n))
+        self._start: Array = np.zeros((6, n))
+        # What functions take and set: y, V and W; the sizes of the terms of volumes [m³]
+        self._y: Array = np.zeros(2 * n)
+        self._volumes: Array = np.zeros((2, n))
+        self._magnitude: Array = np.zeros(n)
+        self._result: Array = np.zeros(2 * n)
+        self._by_y: Array = np.zeros((2 * n, 2 * n))
+        self._by_V: Array = np.zeros((2 * n, n))
         (gas,) = contents.species
         self._network = self._c.struct(
             "gas_network",
@@ -83,71 +91,70 @@ class CompiledBalance(Balance):
                 "R": gas.R,
                 "gamma": gas.constant_heat_ratio,
                 "ends": self._c.array("ends", ends, "int32", (m, 2)),
-                "laminar": self._pointer("laminar", np.array(laminar, dtype=float), m),
-                "h": self._pointer("h", self._length, 1),
-                "area": self._pointer("area", self._areas, m),
-                "boundary": self._pointer("boundary", self._boundary, m, 2, 2),
-                "start": self._pointer("start", self._start, 5, n),
+                "laminar": self._pointer("laminar", np.array(laminar, dtype=float)),
+                "h": self._pointer("h", self._length),
+                "area": self._pointer("area", self._areas),
+                "boundary": self._pointer("boundary", self._boundary),
+                "start": self._pointer("start", self._start),
                 "max_iterations": MAX_ITERATIONS,
                 "max_halvings": MAX_HALVINGS,
+                "round_off": ROUND_OFF_SHARE,
                 "tolerance": RESIDUAL_TOLERANCE,
                 "acceptable": ACCEPTABLE_RESIDUAL,
                 "remaining": MIN_REMAINING_SHARE,
-                "work": self._pointer("work", np.zeros(6 * n * n + 10 * n), 6 * n * n + 10 * n),
+                "work": self._pointer("work", np.zeros(6 * n * n + 10 * n)),
             },
         )
+        # Pointers are made once: to make them takes longer than the functions.
+        self._at = (
+            self._network.pointer,
+            self._pointer("y", self._y),
+            self._pointer("V", self._volumes[0]),
+            self._pointer("W", self._volumes[1]),
+        )
+        self._c_magnitude = self._pointer("magnitude", self._magnitude)
+        self._c_result = self._pointer("result", self._result)
+        self._c_by_y = self._pointer("by_y", self._by_y)
+        self._c_by_V = self._pointer("by_V", self._by_V)
+
+    def _pointer(self, name: str, values: Array) -> object:
+        """An array of numbers for C, which may write into it."""
+        return self._c.array(name, values, "float64", values.shape, writable=True)
 
     def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
         super().begin(h, t, p, m, U, V)
         self._length[0] = h
-        self._start[:] = (p, m, U, self._pV0, self._weights)
+        self._start[:] = (p, m, U, self._pV0, self._weights, self._amplification)
         for i, passage in enumerate(self.passages):
             self._areas[i] = passage.area
             for side, end in enumerate(passage.ends):
                 if not isinstance(end, int):
                     self._boundary[i, side] = (end.pressure, end.temperature)
 
+    def _take(self, y: Array, V: Array, W: Array) -> None:
+        """Copy what the next function of C reads."""
+        self._y[:] = y
+        self._volumes[0] = V
+        self._volumes[1] = W
+
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        residual = np.empty(2 * self._n)
-        self._c.lib.gas_residual(
-            self._network.pointer,
-            *self._arguments(y, V, W),
-            self._pointer("residual", residual, 2 * self._n),
-        )
-        return residual
+        self._take(y, V, W)
+        self._c.lib.gas_residual(*self._at, self._c_result)
+        return self._result.copy()
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        n = self._n
-        by_y = np.empty((2 * n, 2 * n))
-        by_V = np.empty((2 * n, n))
-        self._c.lib.gas_derivatives(
-            self._network.pointer,
-            *self._arguments(y, V, W),
-            self._pointer("by_y", by_y, 2 * n, 2 * n),
-            self._pointer("by_V", by_V, 2 * n, n),
-        )
-        return by_y, by_V
+        self._take(y, V, W)
+        self._c.lib.gas_derivatives(*self._at, self._c_by_y, self._c_by_V)
+        return self._by_y.copy(), self._by_V.copy()
+
+    def scales(self, y: Array, V: Array, magnitude: Array) -> Array:
+        self._take(y, V, self._volumes[1])
+        self._magnitude[:] = magnitude
+        self._c.lib.gas_scales(*self._at[:3], self._c_magnitude, self._c_result)
+        return self._result.copy()
 
     def settle(self, y: Array, V: Array, W: Array, magnitude: Array) -> Array | None:
-        solution = y.copy()
-        scale = self.scales(y, V, magnitude)
-        _, volumes, swept = self._arguments(y, V, W)
-        is_solved = self._c.lib.gas_solve(
-            self._network.pointer,
-            volumes,
-            swept,
-            self._pointer("scale", scale, 2 * self._n),
-            self._pointer("y", solution, 2 * self._n),
-        )
-        return solution if is_solved else None
-
-    def _arguments(self, y: Array, *volumes: Array) -> list[object]:
-        """Pointers to y (2 n,) and to arrays of volumes (n,)."""
-        return [
-            self._pointer("y", y, 2 * self._n),
-            *[self._pointer("volumes", values, self._n) for values in volumes],
-        ]
-
-    def _pointer(self, name: str, values: Array, *shape: int) -> object:
-        """An array of numbers for C, which may write into it."""
-        return self._c.array(name, values, "float64", shape)
+        self._take(y, V, W)
+        self._magnitude[:] = magnitude
+        is_solved = self._c.lib.gas_solve(*self._at, self._c_magnitude)
+        return self._y.copy() if is_solved else None

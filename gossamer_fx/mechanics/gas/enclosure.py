@@ -33,8 +33,9 @@ from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.quality import area_vectors
 from gossamer_fx.core.model.body import Array, Port, unit
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Side, triangles
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
-from gossamer_fx.mechanics.gas.surface import FilmSurface, Geometry, Side
+from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 # A volume below this share of the sum of its terms' sizes is round-off: it has no sign.  Sums over
@@ -65,7 +66,8 @@ class CompiledEnclosure(Protocol):
         ...
 
     def start(self) -> None:
-        """Take q1 as the initial state, e.g. to find the sign of the normals."""
+        """Take q1 as the initial state, e.g. to find the sign of the normals; the geometry is
+        evaluated again afterwards."""
         ...
 
     def set_pressure(self, pressure: float) -> None:
@@ -74,7 +76,7 @@ class CompiledEnclosure(Protocol):
 
     def add_force(self, values: Array) -> None:
         """Subtract the force of the gas, pressure · G(q_mid) [N], from the owned part of a
-        residual."""
+        residual, except what `Geometry.add_forces` subtracts."""
         ...
 
     def gradients(self) -> tuple[Array, Array, Array]:
@@ -82,7 +84,7 @@ class CompiledEnclosure(Protocol):
         ...
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the derivative of the force, except what the forms of `Geometry.tangents` give."""
+        """Add the derivative of the force, except what `Geometry.add_tangents` adds."""
         ...
 
 
@@ -162,7 +164,9 @@ class FilmEnclosure:
         # A component that a ring closes has no separate volume.
         if not loops:
             self._check_components(cells, system)
-        return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
+        sides: list[Side] = [(triangles(self.film, owned, system), 1.0)]
+        sides += [(loop.patches(), sign) for loop, sign in zip(loops, signs, strict=True)]
+        return CompiledSurface(geometry.surfaces, sides)
 
     def _check_components(self, cells: np.ndarray, system: Assembly) -> None:
         """Refuse a surface of several components that are not connected, one of which has its
@@ -250,53 +254,46 @@ def all_triangles(film: Membrane) -> np.ndarray:
     return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
 
 
-class _CompiledFilm:
-    """One chamber of a `FilmSurface`, with the sign of its normals."""
+class CompiledSurface:
+    """The surface of one chamber in a running scene, with triangles of films and strips over rings
+    and seams."""
 
-    def __init__(self, surface: FilmSurface, side: Side) -> None:
-        """Add the chamber to the surface, which computes volumes and forces of all its chambers."""
-        self._surface = surface
-        self._side = side
-        self._index = surface.add(side)
-        # -1 if all normals point inwards
-        self._sign = 1.0
+    def __init__(self, surfaces: ChamberSurfaces, sides: Sequence[Side]) -> None:
+        """Add the chamber to the surfaces of the scene, which are evaluated together."""
+        self._surfaces = surfaces
+        self._index = surfaces.add(sides)
 
     @property
     def volume(self) -> float:
-        return self._sign * float(self._surface.volume[self._index])
+        return float(self._surfaces.volume[self._index])
 
     @property
     def magnitude(self) -> float:
-        return float(self._surface.magnitude[self._index])
+        return float(self._surfaces.magnitude[self._index])
 
     @property
     def swept(self) -> float:
-        return self._sign * float(self._surface.swept[self._index])
+        return float(self._surfaces.swept[self._index])
 
     def start(self) -> None:
-        """Choose the sign of the volume, so that a film with inward normals encloses a positive
+        """Choose the sign of the volume, so that a surface with inward normals encloses a positive
         one."""
         # A flat film has a volume of either sign by round-off; it must not be turned by that.
-        if self._surface.volume[self._index] < -ROUND_OFF * self.magnitude:
-            self._sign = -1.0
-        else:
-            self._sign = 1.0
+        self._surfaces.orient(self._index, ROUND_OFF * self.magnitude)
 
     def set_pressure(self, pressure: float) -> None:
-        self._surface.pressures[self._index] = self._sign * pressure
-
-    def add_force(self, values: Array) -> None:
-        self._surface.add_force(self._index, values)
+        self._surfaces.pressures[self._index] = pressure
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        at_middle, of_volume, of_swept = self._surface.gradients(self._index)
-        return self._sign * at_middle, self._sign * of_volume, self._sign * of_swept
+        return self._surfaces.gradients(self._index)
+
+    # `Geometry` adds forces and tangents of all surfaces at once.
+
+    def add_force(self, values: Array) -> None:
+        pass
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        # The film's own tangent is a form, which `Geometry.tangents` gives; only strips remain.
-        pressure = self._surface.pressures[self._index]
-        for loop, sign in zip(self._side.loops, self._side.signs, strict=True):
-            loop.add_tangent(A, -sign * pressure)
+        pass
 
 
 @check_arguments
@@ -376,7 +373,6 @@ class _CompiledPiston:
 
     def start(self) -> None:
         self._origin = self._height(self._system.q1)
-        self.follow()
 
     def _height(self, q: PETSc.Vec) -> float:
         """A n·x [m³] at coordinates q, the same on every rank.  Collective."""

@@ -27,15 +27,14 @@ W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `c
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from dolfinx import fem
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Body
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
     End,
@@ -107,6 +106,12 @@ class GasNetwork(ScalarUnknowns):
             )
             for chamber, rows in zip(chambers, self.contents.rows, strict=True)
         ]
+        # What bounds the chambers that are not rigid, by the number of the chamber
+        self._enclosures = {
+            k: state.enclosure
+            for k, state in enumerate(self.chambers)
+            if state.enclosure is not None
+        }
         n = len(chambers)
         # Two chambers may have equal values; they are told apart by identity.
         numbers = {id(chamber): k for k, chamber in enumerate(chambers)}
@@ -122,6 +127,7 @@ class GasNetwork(ScalarUnknowns):
             for item in items
             if isinstance(item, Wall)
         ]
+        self.geometry.compile()
         self._process = ADIABATIC
         self.balance = compile_balance(self.contents, self._passages, self._walls, system.comm)
         self.size = n + len(self.contents.gases)
@@ -136,6 +142,9 @@ class GasNetwork(ScalarUnknowns):
         self._residual: Array = np.zeros(self.size)
         self.scale: Array = np.ones(self.size)
         self._accepted_magnitude: Array = np.zeros(n)
+        # Of the step: pressures at its start, and on the outer side of enclosures [Pa]
+        self._start_pressures: Array = np.zeros(n)
+        self._outside_pressures: Array = np.zeros(n)
         # Energy [J] and mass of each species [kg] from boundaries and walls since the start
         self._supplied = 0.0
         self._mass_supplied: Array = np.zeros(len(self.contents.species))
@@ -212,11 +221,14 @@ class GasNetwork(ScalarUnknowns):
         """Take the initial volumes [m³], and from them mass [kg] and energy [J] of each chamber.
         Collective.  `InputError`: a chamber encloses no volume, or a negative one."""
         self.geometry.follow()
+        for enclosure in self._enclosures.values():
+            enclosure.start()
+        # Again, as normals may have been turned.
+        self.geometry.follow()
         self.geometry.accept()
-        for state in self.chambers:
-            if state.enclosure is not None:
-                state.enclosure.start()
-            state.volume = _volume(state)
+        volumes, _, self._accepted_magnitude = self._measure()
+        for state, volume in zip(self.chambers, volumes, strict=True):
+            state.volume = float(volume)
             check(
                 state.volume > 0,
                 f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; "
@@ -233,7 +245,6 @@ class GasNetwork(ScalarUnknowns):
         energies = self.contents.energies(products, masses)
         for state, energy in zip(self.chambers, energies, strict=True):
             state.internal_energy = float(energy)
-        self._accepted_magnitude = self._magnitudes()
 
     def begin_step(self, h: float, t: float) -> Array:
         """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
@@ -242,6 +253,8 @@ class GasNetwork(ScalarUnknowns):
         masses = self._masses()
         energies = np.array([state.internal_energy for state in self.chambers])
         volumes = np.array([state.volume for state in self.chambers])
+        self._start_pressures = pressures
+        self._outside_pressures = np.array([_outside_pressure(state) for state in self.chambers])
         for passage, valve in self._switches:
             first, second = passage.ends
             acting = (self._pressure_at(first), self._pressure_at(second))
@@ -261,26 +274,26 @@ class GasNetwork(ScalarUnknowns):
         """Return the scaled residual (n + s,) of the gas balance at the iterate, after it was
         solved at its volumes and the pressures were set on the enclosures.  Collective."""
         self.geometry.follow()
-        self.volumes = np.array([_volume(state) for state in self.chambers])
-        self.swept = np.array([_swept(state) for state in self.chambers])
-        self._magnitude = self._magnitudes()
+        self.volumes, self.swept, self._magnitude = self._measure()
         self.y = self._solve_at_iterate(y)
         self._proposed = y
         self.scale = self.balance.scales(self.y, self.volumes, self._magnitude)
         self._residual = self.balance.residual(self.y, self.volumes, self.swept) / self.scale
-        # After the pressures y has the masses.
-        for state, end_pressure in zip(self.chambers, self.y, strict=False):
-            if state.enclosure is not None:
-                acting = self._acting_pressure(state.pressure, float(end_pressure))
-                state.enclosure.set_pressure(acting - _outside_pressure(state))
+        # The pressure that acts in the step: p̄ for the midpoint rule, p1 at the end of the step.
+        end_pressures = self.y[: len(self.chambers)]
+        acting = (1 - self._alpha) * self._start_pressures + self._alpha * end_pressures
+        difference = acting - self._outside_pressures
+        for k, enclosure in self._enclosures.items():
+            enclosure.set_pressure(float(difference[k]))
         return self._residual
 
     def _solve_at_iterate(self, y: Array) -> Array:
         """Return the solution y of the gas balance at the volumes of the iterate, or the proposed y
         itself if it or the volumes are not finite, a volume is not positive, or no solution is
         found."""
-        finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
-        if not (finite and (self.volumes > 0).all()):
+        # A sum is finite if all of its terms are; a volume that is NaN is not positive.
+        total = y.sum() + self.volumes.sum() + self.swept.sum()
+        if not (math.isfinite(total) and self.volumes.min() > 0):
             return y
         # Newton's update of y belongs to the y that was proposed; it is applied to the y that was
         # used.
@@ -291,17 +304,14 @@ class GasNetwork(ScalarUnknowns):
 
     def add_force(self, values: Array) -> None:
         """Subtract the forces of all chambers [N] from the owned part of a residual."""
-        for state in self.chambers:
-            if state.enclosure is not None:
-                state.enclosure.add_force(values)
-
-    def tangents(self, body: Body) -> Iterable[fem.Form]:
-        yield from self.geometry.tangents(body)
+        self.geometry.add_forces(values)
+        for enclosure in self._enclosures.values():
+            enclosure.add_force(values)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        for state in self.chambers:
-            if state.enclosure is not None:
-                state.enclosure.add_tangents(A)
+        self.geometry.add_tangents(A)
+        for enclosure in self._enclosures.values():
+            enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Return the blocks of the Newton matrix by which the gas is coupled to the bodies: G are
@@ -311,30 +321,24 @@ class GasNetwork(ScalarUnknowns):
         H: list[Array | None] = [None] * self.size
         by_y, by_V = self.balance.derivatives(self.y, self.volumes, self.swept)
         C = by_y / self.scale[:, None]
-        enclosures = {
-            k: state.enclosure
-            for k, state in enumerate(self.chambers)
-            if state.enclosure is not None
-        }
-        if not enclosures:
+        if not self._enclosures:
             return G, H, C
-        by_V = by_V[:, list(enclosures)] / self.scale[:, None]
-        by_W = np.zeros_like(by_V)
+        by_W = np.zeros((self.size, len(self._enclosures)))
         volume_gradients = []
         swept_gradients = []
-        for i, (k, enclosure) in enumerate(enclosures.items()):
+        for i, (k, enclosure) in enumerate(self._enclosures.items()):
             at_middle, of_volume, of_swept = enclosure.gradients()
             # The pressure that acts has the weight α of the pressure at the end of the step.
             G[k] = -self._alpha * at_middle
             if self.balance.depends_on_swept_volume:
                 # ∂/∂W of p̄ W in the energy balance
-                total_pressure = self.chambers[k].pressure + float(self.y[k])
-                by_W[k, i] = total_pressure / (2 * self.scale[k])
+                by_W[k, i] = (self.chambers[k].pressure + self.y[k]) / 2
             volume_gradients.append(of_volume)
             swept_gradients.append(of_swept)
-        rows = by_V @ np.array(volume_gradients) + by_W @ np.array(swept_gradients)
+        slopes = np.hstack([by_V[:, list(self._enclosures)], by_W]) / self.scale[:, None]
+        rows = slopes @ np.array(volume_gradients + swept_gradients)
         # Zero columns are left out: the solver spends one solve on each of the others.
-        for k in np.flatnonzero(by_V.any(axis=1) | by_W.any(axis=1)):
+        for k in np.flatnonzero(slopes.any(axis=1)):
             H[k] = rows[k]
         return G, H, C
 
@@ -344,8 +348,7 @@ class GasNetwork(ScalarUnknowns):
         solved.  Collective."""
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
-        volumes = np.array([_volume(state) for state in self.chambers])
-        swept = np.array([_swept(state) for state in self.chambers])
+        volumes, swept, _ = self._measure()
         works = self.balance.work(self.y, volumes, swept)
         masses = self._masses() + h * rates.mass
         start_volumes = np.array([state.volume for state in self.chambers])
@@ -509,7 +512,7 @@ class GasNetwork(ScalarUnknowns):
             # The name is for readers of the file; the order of chambers does not change.
             _, chamber.pressure, masses, chamber.internal_energy, chamber.volume = row
             chamber.masses = np.array(masses, dtype=float)
-        self._accepted_magnitude = self._magnitudes()
+        _, _, self._accepted_magnitude = self._measure()
         self._supplied = state["supplied"]
         self._mass_supplied = np.array(state["mass supplied"], dtype=float)
         self._heat_supplied = list(state["heat supplied"])
@@ -519,19 +522,16 @@ class GasNetwork(ScalarUnknowns):
 
     # ---- chambers --------------------------------------------------------------------------------
 
-    def _acting_pressure(self, start: float, end: float) -> float:
-        """The pressure [Pa] that acts in the step: p̄ for the midpoint rule, p1 at the end of the
-        step."""
-        return (1 - self._alpha) * start + self._alpha * end
-
-    def _magnitudes(self) -> Array:
-        """For each chamber the sum of the sizes of the terms of its volume [m³], 0 for a rigid
-        one."""
-        magnitudes = np.zeros(len(self.chambers))
-        for k, state in enumerate(self.chambers):
-            if state.enclosure is not None:
-                magnitudes[k] = state.enclosure.magnitude
-        return magnitudes
+    def _measure(self) -> Array:
+        """Volumes at the iterate, rigid parts included, volumes that the enclosures sweep in the
+        step, and sums of the sizes of the terms of their volumes, (3, n) [m³]."""
+        measured = np.zeros((3, len(self.chambers)))
+        measured[0] = [state.chamber.fixed_volume for state in self.chambers]
+        for k, enclosure in self._enclosures.items():
+            measured[0, k] += enclosure.volume
+            measured[1, k] = enclosure.swept
+            measured[2, k] = enclosure.magnitude
+        return measured
 
 
 def _check_chambers(chambers: list[Volume]) -> None:
@@ -607,21 +607,6 @@ def _boundary_gas(end: Holder | Volume, other: Holder | Volume, contents: Conten
     )
     # No gas comes from a vacuum; a law may still ask for one.
     return other.gas or contents.species[0]
-
-
-def _volume(state: ChamberState) -> float:
-    """Volume [m³] of a chamber at the iterate, rigid part included."""
-    volume = float(state.chamber.fixed_volume)
-    if state.enclosure is not None:
-        volume += state.enclosure.volume
-    return volume
-
-
-def _swept(state: ChamberState) -> float:
-    """Volume [m³] that the enclosure of a chamber sweeps in the step; 0 for a rigid one."""
-    if state.enclosure is None:
-        return 0.0
-    return state.enclosure.swept
 
 
 def _outside_pressure(state: ChamberState) -> float:

@@ -21,8 +21,8 @@ Algorithm.
 1. `Ring.loop` orders the edges to a walk around the ring, the same for any number of ranks.
 2. `Loop` pairs the edges: the walk goes along both sides from its first vertex at once.  Of an odd
    number of edges the last spans a strip with its own end vertex.
-3. `Loop.follow` evaluates (2) at the middle and at the end of a step, on every rank for all nodes.
-4. `Loop.add_tangent` adds the derivative of (2); each rank adds the rows of its nodes.
+3. `Loop.patches` has the strips as patches, which `gas.patches` evaluates with the triangles of the
+   film.
 
 Cost: proportional to the number of edges; every rank knows all nodes of a ring.
 """
@@ -31,26 +31,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import basix
 import numpy as np
 import numpy.typing as npt
-from petsc4py import PETSc
 
-from gossamer_fx.core.algebra.point_measures import Gather, add_blocks
+from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.c_source import CStruct, c_library, check_indices
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.patches import Patches, is_owned
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 Indices = npt.NDArray[np.int64]
-
-# The C functions of rings.
-HEADER = Path(__file__).parent / "ring.h"
 
 # Coordinates that differ by less than this share of the ring's extent count as equal when the first
 # vertex of a walk is chosen: far above round-off, far below the length of an edge.
@@ -192,16 +187,11 @@ class Ring:
 
 
 class Loop:
-    """A ring in a running scene: its area vector, volume and gradient, see the module's (1) to (3).
-
-    Sizes: n edges, k nodes of a strip, g quadrature points of a strip.  `_X0` and `_X1` (nodes, 3)
-    [m] are the positions at the start and at the end of a step, the same on every rank, zero until
-    the first evaluation.
+    """A ring in a running scene: its area vector (1) of the module, and the strips that close it.
 
     Attributes:
         vertices: global end vertices of the edges in the order of the walk (n, 2).
         indices: global indices of the coordinates of its nodes in system vectors (nodes, 3).
-        gradients: G at q̄ and at q1, (nodes, 3) [m²] each; the same on every rank.
     """
 
     def __init__(self, ring: Ring, system: Assembly) -> None:
@@ -209,33 +199,21 @@ class Loop:
         walk = ring.loop()
         order = ring.body.order
         self._system = system
-        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
-        self._alpha = system.rule.alpha
         self.vertices = walk[:, :2]
         nodes = walk[:, 2]
         if order == 2:
             nodes = np.concatenate([walk[:, 2], walk[:, 4]])
         self._strips = _strips(len(walk), order)
         self._tabulate(order)
-        self._c = c_library(HEADER, system.comm)
-        self._c_strips = self._strips_for_kernel(len(nodes))
-
         self.indices = system.block(ring.body).to_global(nodes)
         self._gather = Gather(system.numbering, [self.indices])
-        start, end = system.q0.getOwnershipRange()
-        first_index = self.indices[:, 0]
-        self._mine = (start <= first_index) & (first_index < end)
-        self._own = self.indices[self._mine] - start
-        # Rows of the tangent that this rank adds: strips and the nodes of theirs that it owns.
-        strip, node = np.nonzero(self._mine[self._strips])
-        self._row_count = len(strip)
-        self._c_rows = self._rows_for_kernel(strip, node)
-        self._row_indices = self.indices[self._strips[strip, node]]
-        columns = self.indices[self._strips[strip]]
-        self._column_indices = columns.reshape(len(strip), 3 * self._strips.shape[1])
-        self._X0: Array = np.zeros((len(nodes), 3))
-        self._X1: Array = self._X0
-        self.gradients: tuple[Array, Array] = (self._X0, self._X0)
+        self._mine = is_owned(self.indices[:, 0], system.numbering)
+        self._own = self.indices[self._mine] - system.numbering.start
+
+    def patches(self) -> Patches:
+        """The strips, each on the rank that owns its first node."""
+        mine = self._strips[self._mine[self._strips[:, 0]]]
+        return Patches(self.indices[mine, 0], self._ds, self._dr, self._test)
 
     def _tabulate(self, order: int) -> None:
         """Tabulate the shape functions of a strip at its quadrature points, (points, nodes of a
@@ -248,11 +226,11 @@ class Loop:
         interval = basix.CellType.interval
         # Degree of (3) along a strip: order - 1 of x,s, order of x,r and order of w.
         degree_along = 3 * order - 1
-        s, weights_s = _quadrature(degree_along)
-        r, weights_r = _quadrature(QUADRATURE_DEGREE_ACROSS)
+        s, weights_s = quadrature(degree_along)
+        r, weights_r = quadrature(QUADRATURE_DEGREE_ACROSS)
         element: Any = basix.create_element(basix.ElementFamily.P, interval, order)
-        N, dN = element.tabulate(1, s)[..., 0]
-        across = np.concatenate([1 - r, r], axis=1)
+        N, dN = element.tabulate(1, s[:, None])[..., 0]
+        across = np.stack([1 - r, r], axis=1)
         across_slope = np.broadcast_to([-1.0, 1.0], across.shape)
 
         def at_points(along: Array, sideways: Array) -> Array:
@@ -267,45 +245,6 @@ class Loop:
         self._ds = at_points(dN, across)
         self._dr = at_points(N, across_slope)
         self._test = at_points(N, across) * weights.reshape(-1, 1)
-
-    def _strips_for_kernel(self, nodes: int) -> CStruct:
-        """Return the strips as the C structure `ring_strips`."""
-        check_indices("The nodes of strips", self._strips, nodes)
-        strips, nodes_of_strip = self._strips.shape
-        points = len(self._weights)
-
-        def table(name: str, values: Array) -> Any:
-            return self._c.array(
-                name, np.ascontiguousarray(values), "float64", (points, nodes_of_strip)
-            )
-
-        return self._c.struct(
-            "ring_strips",
-            {
-                "strip_count": strips,
-                "node_count": nodes_of_strip,
-                "point_count": points,
-                "nodes": self._c.array(
-                    "nodes", self._strips.astype(np.int32), "int32", self._strips.shape
-                ),
-                "along": table("along", self._ds),
-                "across": table("across", self._dr),
-                "test": table("test", self._test),
-            },
-        )
-
-    def _rows_for_kernel(self, strip: Indices, node: Indices) -> CStruct:
-        """Return the rows of the ring's tangent that this rank adds as the C structure `ring_rows`;
-        a row belongs to one node (n,) of one strip (n,), and stands for its three coordinates."""
-        count = len(strip)
-        return self._c.struct(
-            "ring_rows",
-            {
-                "count": count,
-                "strip": self._c.array("strip", strip.astype(np.int32), "int32", (count,)),
-                "node": self._c.array("node", node.astype(np.int32), "int32", (count,)),
-            },
-        )
 
     def aperture(self, h: float) -> float:
         """|a| [m²] of (1) at q0 + ½ h v0, for a step of length h [s]: the middle of the coming step
@@ -350,17 +289,6 @@ class Loop:
         """a (3,) [m²] of (1) for the tangents of the strips."""
         return np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
 
-    def follow(self) -> None:
-        """Evaluate the gradients at q̄ and q1 of the system.  Collective."""
-        self._X1 = self._gather(self._system.q1)[0]
-        at_middle = self._gradient(self._middle())
-        at_end = self._gradient(self._X1)
-        self.gradients = (at_middle, at_end)
-
-    def accept(self) -> None:
-        """Make the end of this step the start of the next."""
-        self._X0 = self._X1
-
     def direction(self, vertices: Indices) -> Indices:
         """For each edge, by the global numbers (m, 2) of its ends, +1 if the walk passes it from
         the first to the second vertex, -1 for the opposite direction, 0 if it is not an edge of the
@@ -383,52 +311,16 @@ class Loop:
         place."""
         values[self._own - start] += G[self._mine]
 
-    def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add the derivative of a pressure's force by the end q1 of the step to the tangent of the
-        system [N/m]; each rank adds its rows.
-
-        The force is scale · G(q̄), with a pressure `scale` [Pa], the gradient G [m²] of the ring's
-        volume and q̄ = (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.  X are the positions
-        q̄ (nodes, 3) [m], a_ij a vector [m] for each pair of nodes i and j.
-        """
-        # δG_i = Σ_j a_ij × δx_j, from δn = δx,s × x,r + x,s × δx,r
-        shape = (self._row_count, 3, self._column_indices.shape[1])
-        blocks = np.empty(shape)
-        X = self._middle()
-        self._c.lib.ring_tangent(
-            self._c_strips.pointer,
-            self._c_rows.pointer,
-            self._c.array("X", X, "float64", X.shape),
-            scale * self._alpha,
-            self._c.array("blocks", blocks, "float64", shape, writable=True),
-        )
-        add_blocks(A, self._row_indices, self._column_indices, blocks)
-
-    def _middle(self) -> Array:
-        """Positions (nodes, 3) [m] of the nodes at q̄."""
-        return (1 - self._alpha) * self._X0 + self._alpha * self._X1
-
     def _strip_tangents(self, X: Array) -> tuple[Array, Array]:
         """x,s and x,r (strips, g, 3) for the positions X (nodes, 3) of the nodes."""
         corners = X[self._strips]
         return self._ds @ corners, self._dr @ corners
 
-    def _gradient(self, X: Array) -> Array:
-        """Return the gradient (nodes, 3) [m²] of the volume that the ring's strips close, by the
-        positions X (nodes, 3) [m] of its nodes.  All ranks compute the whole ring."""
-        G = np.zeros_like(X)
-        self._c.lib.add_ring_gradient(
-            self._c_strips.pointer,
-            self._c.array("X", X, "float64", X.shape),
-            self._c.array("G", G, "float64", G.shape, writable=True),
-        )
-        return G
 
-
-def _quadrature(degree: int) -> tuple[Array, Array]:
-    """Points (g, 1) and weights (g,) on the interval [0, 1], exact for polynomials of a degree."""
+def quadrature(degree: int) -> tuple[Array, Array]:
+    """Points and weights (g,) on the interval [0, 1], exact for polynomials of a degree."""
     points, weights = basix.make_quadrature(basix.CellType.interval, degree)
-    return np.asarray(points), np.asarray(weights)
+    return np.asarray(points).ravel(), np.asarray(weights)
 
 
 def _lowest(points: Array) -> int:

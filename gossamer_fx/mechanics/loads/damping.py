@@ -18,7 +18,8 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import interpolation_points, tabulation
+from gossamer_fx.core.forms.backend import interpolation_points
+from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient

@@ -38,7 +38,8 @@ from dolfinx import fem
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points, tabulation
+from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
+from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient

@@ -45,7 +45,7 @@ Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rul
 How S and D are evaluated.  Compiled expressions, of which a path that stays in one state of the
 film (taut, wrinkled or slack) has a separate one; it costs a third to a sixth of the general one.
 Laws with several states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the
-strains.
+strains.  Both, and the residual, are loops of `forms.cell_loops`, without copies of functions.
 
 Terms that share a measure.  The stiffness and the viscous damping of a film have the same measure
 e. The forms (1) and (2) are linear in S and D, so such terms share one form of the sum of their
@@ -78,13 +78,8 @@ from petsc4py import PETSc
 from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.forms.backend import (
-    add_to_vector,
-    cell_nodes,
-    interpolation_points,
-    tabulation,
-)
-from gossamer_fx.core.forms.c_source import c_library
+from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
+from gossamer_fx.core.forms.cell_loops import assembly, tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
@@ -126,14 +121,17 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
                 self._viscous.append(self._viscous_forces(term, at, system.rule))
         self.elements: list[ElementForces] = [*self._stored, *self._viscous]
         self._forms: list[ElementForms] = []
+        # One vector for each body, its array, and what assembles all of its terms to it.
+        self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
+        self._arrays = {body: b.array for body, b in self._forces.items()}
+        self._assemble: list[Callable[[], None]] = []
         for alike in _with_one_measure(self.elements):
             _share_strains(alike)
             at = system.coordinates[alike[0].term.body]
-            self._forms.append(ElementForms(alike, at, system.rule))
+            forms = ElementForms(alike, at, system.rule)
+            self._forms.append(forms)
+            self._assemble.append(assembly(forms.residual, self._arrays[forms.body]))
         self.losses = [force.term.name for force in self._viscous]
-        # One vector for each body, to which all of its terms are assembled, and its array.
-        self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
-        self._arrays = {body: b.array for body, b in self._forces.items()}
 
     def _viscous_forces(
         self, term: ViscousDissipation, at: Coordinates, rule: StressRule
@@ -169,8 +167,8 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             array[:] = 0
         for force in self._stored:
             force.respond()
-        for forms in self._forms:
-            add_to_vector(self._arrays[forms.body], forms.residual)
+        for assemble in self._assemble:
+            assemble()
         with r as values:
             for body, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
@@ -388,6 +386,8 @@ class StoredForces(ElementForces):
         self.linear_stress = self.S + ufl.dot(self.D, e - self.strain_variable)
         self._points = interpolation_points(self.strain_at_start.function_space)
 
+        # Before the law, so that a missing compiler is not blamed on this body.
+        self._set_true_strain = self._evaluated(e, self.strain_variable)
         # Only laws with several states need the kernel, and the choice of strains.
         self._law: PointLaw | None = None
         strain = ufl.variable(self.strain_variable)
@@ -399,7 +399,6 @@ class StoredForces(ElementForces):
         if self.thermal is not None:
             expansion = self.thermal.end - self.thermal.start
             self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
-        self._set_true_strain = self._evaluated(e, self.strain_variable)
         # The start of the next step, where that is not ê of the step that is solved.
         self._set_strain_of_end: Callable[[], None] | None = None
         if rule.takes_mid_strain:
@@ -436,14 +435,11 @@ class StoredForces(ElementForces):
         energy.  `RuntimeError`: dolfinx numbers quadrature points differently than the kernel
         expects."""
         from gossamer_fx.mechanics.terms.law_kernel import (
-            HEADER,
             PointLaw,
             PointValues,
             law_functions,
         )
 
-        # Before the law, so that a missing compiler is not blamed on this body.
-        c_library(HEADER, mesh.comm)
         m = self._size
         rows = cell_nodes(self.strain_variable.function_space)
         # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
@@ -469,8 +465,9 @@ class StoredForces(ElementForces):
             may_choose=not rule.acts_at_end,
         )
         self._linear_strain = self._at_points(mesh, m)
-        self._density = self._at_points(mesh)
-        self._energy = compile_form(self._density * term.dx)
+        density = self._at_points(mesh)
+        self._set_density = self._law.density_in(density.x.array)
+        self._energy = compile_form(density * term.dx)
 
     # ---- the course of a step --------------------------------------------------------------------
 
@@ -546,7 +543,7 @@ class StoredForces(ElementForces):
     def energy(self) -> float:
         """Stored energy [J] of the last accepted state, this rank's share."""
         if self._law is not None:
-            self._law.density(self._density.x.array)
+            self._set_density()
         return float(fem.assemble_scalar(self._energy))
 
     def heat(self) -> float:

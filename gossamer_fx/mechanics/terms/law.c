@@ -5,56 +5,17 @@
 #include <math.h>
 #include <string.h>
 
-/* The functions that FFCx makes have an argument more from version 0.10 on. */
-#ifdef KERNELS_TAKE_DATA
-typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *,
-                         const uint8_t *, void *);
-#define NO_DATA , NULL
-#else
-typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *,
-                         const uint8_t *);
-#define NO_DATA
-#endif
+/* For its functions of one cell, which are not those of another library. */
+#include "../../core/forms/cells.c"
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
-
-static ptrdiff_t response_size(const point_law *law) { return law->strain_size * (law->strain_size + 1); }
-
-/* Copy the strains of one cell, at the start and of the iterate, and its other values into the
-   pool. */
-static void fill_pool(const point_law *law, ptrdiff_t cell)
-{
-    const ptrdiff_t m = law->strain_size;
-    const size_t strain_bytes = (size_t)m * sizeof(double);
-    double *start = law->pool;
-    double *strain = start + law->point_count * m;
-    const int32_t *rows = law->rows + cell * law->point_count;
-    for (ptrdiff_t k = 0; k < law->point_count; k++) {
-        memcpy(start + k * m, law->start + rows[k] * m, strain_bytes);
-        memcpy(strain + k * m, law->strain + rows[k] * m, strain_bytes);
-    }
-    double *others = strain + law->point_count * m;
-    memcpy(others, law->others + cell * law->other_count,
-           (size_t)law->other_count * sizeof(double));
-}
-
-/* Evaluate a function in one cell, whose values are in the pool: values (value_count). */
-static void call(const point_law *law, const cell_function *f, ptrdiff_t cell, double *values,
-                 ptrdiff_t value_count)
-{
-    for (int i = 0; i < f->argument_count; i++) law->arguments[i] = law->pool[f->arguments[i]];
-    /* Functions of FFCx add to what is there. */
-    memset(values, 0, (size_t)value_count * sizeof(double));
-    const double *geometry = law->geometry + cell * law->geometry_size;
-    ((tabulate)f->function)(values, law->arguments, f->constants, geometry, NULL, NULL NO_DATA);
-}
 
 /* The number of the cheapest response that serves all points of a cell. */
 static int cheapest_response(const point_law *law, ptrdiff_t cell)
 {
     if (law->sort == NULL) return 0;
-    double *cases = law->cell_values;
-    call(law, law->sort, cell, cases, law->point_count);
+    const double *cases = law->work;
+    call(law->sort, &law->cells, cell, law->work, law->point_count);
     for (ptrdiff_t k = 1; k < law->point_count; k++)
         if (cases[k] != cases[0]) return 0;
     return (int)cases[0];
@@ -63,29 +24,14 @@ static int cheapest_response(const point_law *law, ptrdiff_t cell)
 /* Evaluate the responses in one cell. */
 static void respond(const point_law *law, ptrdiff_t cell)
 {
-    const ptrdiff_t size = response_size(law);
-    fill_pool(law, cell);
     const cell_function *f = law->responses + cheapest_response(law, cell);
-    call(law, f, cell, law->cell_values, law->point_count * size);
-    const int32_t *rows = law->rows + cell * law->point_count;
-    for (ptrdiff_t k = 0; k < law->point_count; k++)
-        memcpy(law->response + rows[k] * size, law->cell_values + k * size,
-               (size_t)size * sizeof(double));
+    call(f, &law->cells, cell, law->work, law->point_count * law->response.size);
+    set_in_cell(&law->response, cell, law->work);
 }
 
 void evaluate_responses(const point_law *law)
 {
-    for (ptrdiff_t cell = 0; cell < law->cell_count; cell++) respond(law, cell);
-}
-
-void evaluate_density(const point_law *law, const cell_function *density, double *values)
-{
-    for (ptrdiff_t cell = 0; cell < law->cell_count; cell++) {
-        fill_pool(law, cell);
-        call(law, density, cell, law->cell_values, law->point_count);
-        const int32_t *rows = law->rows + cell * law->point_count;
-        for (ptrdiff_t k = 0; k < law->point_count; k++) values[rows[k]] = law->cell_values[k];
-    }
+    for (ptrdiff_t cell = 0; cell < law->cells.count; cell++) respond(law, cell);
 }
 
 /* Solve the equations A x = b with A (m, m) and b in the last column of rows (m, m + 1); x replaces
@@ -185,21 +131,21 @@ static void move_strain(const strain_choice *choice, const double *response, con
 int choose_strains(const point_law *law, const strain_choice *choice)
 {
     const ptrdiff_t m = law->strain_size;
-    const ptrdiff_t size = response_size(law);
     int any = 0;
-    for (ptrdiff_t cell = 0; cell < law->cell_count; cell++) {
-        const int32_t *rows = law->rows + cell * law->point_count;
+    for (ptrdiff_t cell = 0; cell < law->cells.count; cell++) {
+        const int32_t *rows = law->strain.nodes + cell * law->point_count;
         for (ptrdiff_t k = 0; k < law->point_count; k++)
-            forecast_point(choice->linear_strain + rows[k] * m, law->strain + rows[k] * m,
-                           law->response + rows[k] * size, m, choice->forecast + k * (m + 2));
+            forecast_point(choice->linear_strain + rows[k] * m, law->strain.values + rows[k] * m,
+                           law->response.values + rows[k] * law->response.size, m,
+                           choice->forecast + k * (m + 2));
         respond(law, cell);
         int is_chosen = 0;
         for (ptrdiff_t k = 0; k < law->point_count; k++) {
-            const double *response = law->response + rows[k] * size;
+            const double *response = law->response.values + rows[k] * law->response.size;
             const double *forecast = choice->forecast + k * (m + 2);
             const double stiffness = choice_stiffness(choice, response, forecast, m, rows[k]);
             if (stiffness <= 0) continue;
-            move_strain(choice, response, forecast, m, stiffness, law->strain + rows[k] * m);
+            move_strain(choice, response, forecast, m, stiffness, law->strain.values + rows[k] * m);
             is_chosen = 1;
         }
         if (is_chosen) respond(law, cell);

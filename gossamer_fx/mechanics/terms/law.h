@@ -10,37 +10,19 @@
 #ifndef GOSSAMER_LAW_H
 #define GOSSAMER_LAW_H
 
-#include <stddef.h>
-#include <stdint.h>
-
-/* A compiled function of the values in one cell, with the signature that FFCx gives to expressions.
-   */
-typedef struct {
-    uintptr_t function;
-    const double *constants;
-    int argument_count;
-    const int32_t *arguments; /* (argument_count) their numbers in the pool of a cell */
-} cell_function;
+#include "../../core/forms/cells.h"
 
 typedef struct {
-    ptrdiff_t cell_count;     /* c */
+    cell_set cells;           /* c */
     ptrdiff_t point_count;    /* p */
     ptrdiff_t strain_size;    /* m */
-    ptrdiff_t other_count;    /* further values of a cell, on which the law depends */
-    ptrdiff_t geometry_size;  /* numbers of the coordinates of a cell */
     /* the first serves every point, the others points in certain cases */
     const cell_function *responses;
     /* the number of the cheapest response for each point; NULL: there is one */
     const cell_function *sort;
-    const int32_t *rows;      /* (c, p) row of each point */
-    const double *geometry;   /* (c, geometry_size) */
-    const double *others;     /* (c, other_count) */
-    const double *start;      /* (q, m) strains at the start of the step */
-    double *strain;           /* (q, m) strains of the iterate */
-    double *response;         /* (q, m + m m) */
-    double *pool;             /* (2 p m + other_count) work: the values of one cell */
-    double *arguments;        /* (largest argument_count) work */
-    double *cell_values;      /* (p (m + m m)) work */
+    cell_values strain;       /* (q, m) strains of the iterate */
+    cell_values response;     /* (q, m + m m) */
+    double *work;             /* (p (m + m m)): the values of one cell */
 } point_law;
 
 /* Equation (5) of terms/element_energies.py. */
@@ -59,9 +41,6 @@ typedef struct {
 
 /* Evaluate the responses at all points. */
 void evaluate_responses(const point_law *law);
-
-/* Evaluate a scalar function of the strains at the start: values (q). */
-void evaluate_density(const point_law *law, const cell_function *density, double *values);
 
 /* Choose the strains of the iterate by equation (5), and evaluate the responses; returns whether
    any strain differs from the linear one. */

@@ -22,7 +22,7 @@ from gossamer_fx.core.algebra.point_measures import (
     translation_weight,
 )
 from gossamer_fx.core.algebra.rotations import cross_matrices
-from gossamer_fx.core.forms.backend import add_to_vector
+from gossamer_fx.core.forms.cell_loops import assembly
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Attached, Body, MeshBody
@@ -181,6 +181,7 @@ class LoadForces:
             self.tangent = compile_form(-ufl.derivative(δW, at.q1, at.dq))
         dofmap = at.q0.function_space.dofmap
         self.force = la.vector(dofmap.index_map, dofmap.index_map_bs)
+        self._add_forces = assembly(self.form, self.force.array)
         # A dead load is assembled once in a run.
         self._changes = term.follows or term.at is not None
         self._assembled = False
@@ -189,7 +190,7 @@ class LoadForces:
         """Assemble the forces, unless they are known and cannot have changed."""
         if self._changes or not self._assembled:
             self.force.array[:] = 0
-            add_to_vector(self.force.array, self.form)
+            self._add_forces()
             self.force.scatter_reverse(la.InsertMode.add)
             self._assembled = True
 

@@ -4,14 +4,13 @@ conditions."""
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.core.model.body import Array, Body
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import InitialState
 from gossamer_fx.mechanics.terms.assembly import Assembly, HistoryVariables
 
@@ -81,14 +80,9 @@ class ScalarUnknowns(HistoryVariables):
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """This rank's parts (n,) of the columns of G and of H (None: zero), and C (size, size)."""
 
-    def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Bilinear forms of the derivative of their forces with respect to the coordinates of one
-        body: their part of A that is assembled from forms."""
-        return ()
-
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the part of the derivative of their forces that is not made of forms to the matrix A
-        of all coordinates."""
+        """Add the derivative of their forces with respect to the coordinates to the matrix A of all
+        coordinates."""
         return
 
     def inadmissible(self) -> str:

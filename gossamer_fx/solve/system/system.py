@@ -426,8 +426,7 @@ class System:
         # length.
         self._base = pattern.duplicate() if has_stiffness else None
         self._base_inertia = 0.0
-        self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+        self.numbering.fix_pattern(self.A)
         for compiled in self.compiled:
             compiled.add_mass(self.M)
         self.M.assemble()
@@ -791,10 +790,8 @@ class System:
     # ---- forms -----------------------------------------------------------------------------------
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        """Compiled bilinear forms that add up to the tangent of a body on a mesh, of all terms and
-        scalar unknowns."""
-        forms = [form for compiled in self.compiled for form in compiled.tangent_forms(body)]
-        return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
+        """Compiled bilinear forms that add up to the tangent of a body on a mesh, of all terms."""
+        return [form for compiled in self.compiled for form in compiled.tangent_forms(body)]
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
         """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar

@@ -240,8 +240,22 @@ static double scaled_residual(const gas_network *net, const double *y, const dou
     return square;
 }
 
-int gas_solve(const gas_network *net, const double *V, const double *W, const double *given_scale,
-              double *y)
+void gas_scales(const gas_network *net, const double *y, const double *V, const double *magnitude,
+                double *scale)
+{
+    const ptrdiff_t n = net->chamber_count;
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        const double m0 = net->start[n + k];
+        const double U0 = net->start[2 * n + k];
+        const double flows = 1 + net->round_off * net->start[5 * n + k];
+        const double volume = fabs(V[k]) * flows + net->round_off * magnitude[k];
+        scale[k] = fabs(y[k]) * volume / (net->gamma - 1) + U0;
+        scale[n + k] = fabs(y[n + k]) * flows + m0;
+    }
+}
+
+int gas_solve(const gas_network *net, double *y, const double *V, const double *W,
+              const double *magnitude)
 {
     const ptrdiff_t n = net->chamber_count;
     const ptrdiff_t size = 2 * n;
@@ -255,7 +269,8 @@ int gas_solve(const gas_network *net, const double *V, const double *W, const do
     /* What flows in the step is the difference of the residuals with open and closed openings. */
     gas_residual(net, y, V, W, error);
     closed_residual(net, y, V, W, closed);
-    for (ptrdiff_t i = 0; i < size; ++i) scale[i] = given_scale[i] + fabs(error[i] - closed[i]);
+    gas_scales(net, y, V, magnitude, scale);
+    for (ptrdiff_t i = 0; i < size; ++i) scale[i] += fabs(error[i] - closed[i]);
     double square = scaled_residual(net, y, V, W, scale, error);
     for (ptrdiff_t iteration = 0; iteration < net->max_iterations; ++iteration) {
         if (all_within(error, size, net->tolerance)) return 1;

@@ -25,11 +25,13 @@ typedef struct {
     double *h;                /* (1) length [s] */
     const double *area;       /* (m) effective area C_d A [m^2] */
     const double *boundary;   /* (m, 2, 2) pressure [Pa] and temperature [K] of boundaries */
-    const double *start;      /* (5, n) p0 [Pa], m0 [kg], U0 and p0 V0 [J], weight of p1 in flows */
+    const double *start;      /* (6, n) p0 [Pa], m0 [kg], U0 and p0 V0 [J], weight of p1 in flows,
+                                 amplification of round-off by the openings */
 
     /* Of the solution: */
     ptrdiff_t max_iterations;
     ptrdiff_t max_halvings;
+    double round_off;         /* share of cancelled and amplified round-off in the scales */
     double tolerance;         /* scaled residual of a solution */
     double acceptable;        /* one that is accepted where round-off ends the iteration */
     double remaining;         /* pressures and masses fall at most to this share in an iteration */
@@ -44,10 +46,15 @@ void gas_residual(const gas_network *network, const double *y, const double *V, 
 void gas_derivatives(const gas_network *network, const double *y, const double *V, const double *W,
                      double *by_y, double *by_V);
 
+/* Set the energies [J], then masses [kg], to which the residual is compared, (2 n); magnitude (n) is
+   the sum of the sizes of the terms of a volume [m^3]. */
+void gas_scales(const gas_network *network, const double *y, const double *V,
+                const double *magnitude, double *scale);
+
 /* Solve the balance for y, from a positive guess, by Newton's method with backtracking.  The
-   residual is divided by `scale` (2 n) plus what flows in the step at the guess.  Returns whether
-   y is a solution. */
-int gas_solve(const gas_network *network, const double *V, const double *W, const double *scale,
-              double *y);
+   residual is divided by the scales of the guess plus what flows in the step there.  Returns
+   whether y is a solution. */
+int gas_solve(const gas_network *network, double *y, const double *V, const double *W,
+              const double *magnitude);
 
 #endif

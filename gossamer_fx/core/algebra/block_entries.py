@@ -1,0 +1,88 @@
+"""Bilinear forms in the stored blocks of a PETSc matrix whose pattern does not change.
+
+Problem.  PETSc searches the place of each block of a cell in its row, in every assembly anew.
+
+Idea.  The places are found once.  The loop of `cells.c` computes the matrix of a cell and adds its
+blocks there.  Cells at the boundary of a rank's part have nodes of other ranks; theirs are entered
+by PETSc.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from petsc4py import PETSc
+
+from gossamer_fx.core.forms.cell_loops import prepared_integral
+
+
+def block_assembly(
+    A: PETSc.Mat, form: fem.Form, unknowns: npt.NDArray[np.int32] | npt.NDArray[np.int64]
+) -> Callable[[], None] | None:
+    """Return what adds a compiled bilinear form to a matrix of fixed pattern that is assembled;
+    None: the form is not one integral over cells, or PETSc does not store blocks with 32 bits for
+    an index.  `unknowns` are the global indices of all unknowns of the form's space on this rank.
+    Collective."""
+    if A.getType() not in ("seqbaij", "mpibaij") or PETSc.IntType != np.int32:
+        return None
+    prepared = prepared_integral(form)
+    if prepared is None:
+        return None
+    function, cells, nodes = prepared
+    c = cells.library
+    size = A.getBlockSize()
+    # A node may have several blocks.
+    blocks = (unknowns[::size] // size).reshape(-1, form.function_spaces[0].dofmap.bs // size)
+    rows = np.ascontiguousarray(blocks[nodes].reshape(len(nodes), -1), dtype=np.int32)
+    k = rows.shape[1]
+    own = A.getDiagonalBlock()
+    positions = _positions(own, rows - A.getOwnershipRange()[0] // size)
+    petsc = ctypes.CDLL(PETSc.__file__)
+    to = c.struct(
+        "block_matrix",
+        {
+            "size": size,
+            "node_count": k,
+            "values": c.ffi.NULL,
+            "positions": c.array("positions", positions, "int32", (len(rows), k, k)),
+            "rows": c.array("rows", rows, "int32", rows.shape),
+            "matrix": A.handle,
+            "set_values": ctypes.cast(petsc.MatSetValuesBlocked, ctypes.c_void_p).value,
+        },
+    )
+    add = function.applied("add_to_blocks", to, (k * size) ** 2)
+    handle = ctypes.c_void_p(own.handle)
+    values = ctypes.c_void_p()
+
+    def assemble() -> None:
+        petsc.MatSeqBAIJGetArray(handle, ctypes.byref(values))
+        to.pointer.values = c.ffi.cast("double *", values.value or 0)
+        error = add()
+        petsc.MatSeqBAIJRestoreArray(handle, ctypes.byref(values))
+        if error:
+            raise PETSc.Error(error)
+
+    return assemble
+
+
+def _positions(own: PETSc.Mat, rows: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Positions (cells, k, k) of the blocks of cells with nodes (cells, k), by their local numbers,
+    among the stored blocks of a matrix; -1 in cells that have another node."""
+    starts, columns = own.getRowIJ(compressed=True)
+    count = len(starts) - 1
+    of_row = np.repeat(np.arange(count, dtype=np.int64), np.diff(starts))
+    # PETSc sorts the columns of a row, so that these numbers rise.
+    stored = of_row * count + columns
+    is_own = ((rows >= 0) & (rows < count)).all(axis=1)
+    wanted = rows[is_own].astype(np.int64)
+    pairs = wanted[:, :, None] * count + wanted[:, None, :]
+    found = np.searchsorted(stored, pairs)
+    if not np.array_equal(stored.take(found, mode="clip"), pairs):
+        raise ValueError("The pattern of the matrix has no place for a cell.")
+    positions = np.full((*rows.shape, rows.shape[1]), -1, dtype=np.int32)
+    positions[is_own] = found
+    return positions

@@ -1,0 +1,303 @@
+"""The surfaces that bound chambers, as patches: volumes, gradients, forces and tangent.
+
+A patch is a triangle of a film, or a strip that closes a ring or a seam (`gas.ring`, `gas.sewn`),
+with positions x(s, r) = Σ N_i(s, r) x_i.  With the area vectors n = x,s × x,r of the patches of
+chamber c:
+
+    G_c[w] = ∫∫ n·w ds dr              gradient of the volume, quadratic in x              (1)
+    V_c = ⅓ ∫∫ n·x ds dr = ⅓ G_c(q)·q  since the volume is homogeneous of degree three     (2)
+    W_c = G_c(q̄)·(q1 - q0)             swept volume, for the midpoint rule                 (3)
+    ∂W_c/∂q1 = G_c(q̄) + α (G_c(q1) - G_c(q0))      since G_c is quadratic, for α = ½       (4)
+
+Algorithm.  In every iteration:
+
+1. One call of C gives (1) at q̄ and at q1 for all chambers.  Each patch is evaluated on one rank;
+   shares of nodes that other ranks own are sent to them.
+2. Products with positions, summed over ranks, give (2) and (3).
+3. One call of C gives the derivative of the forces of all pressures, one block of numbers for each
+   pair of nodes, and one call of PETSc enters the blocks in the tangent.
+
+Cost: proportional to the number of patches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
+from gossamer_fx.core.algebra.point_measures import FixedBlocks, Gather
+from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.terms.assembly import Assembly
+
+HEADER = Path(__file__).parent / "patches.h"
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """The patches of one kind that this rank evaluates.
+
+    Attributes:
+        nodes: global index of the first coordinate of each node, (n, k).
+        along, across: slopes of the nodes' functions by s and by r at the quadrature points, (g, k)
+            for all patches or (n, g, k) for each.
+        test: values of these functions times the weight of the point.
+    """
+
+    nodes: GlobalIndices
+    along: Array
+    across: Array
+    test: Array
+
+
+# Patches with the sign, 1 or -1, that makes their normals agree with those of the other patches of
+# a chamber
+Side = tuple[Patches, float]
+
+
+def triangles(film: Membrane, cells: npt.NDArray[np.int32], system: Assembly) -> Patches:
+    """The owned triangles (n,) of a film as patches, s and r their reference coordinates."""
+    # Degree of (1): 2 (order - 1) of the area vector, order of w.
+    degree = 2 * (film.order - 1) + film.order
+    triangle = basix.CellType.triangle
+    points, weights = basix.make_quadrature(triangle, degree)
+    element: Any = basix.create_element(basix.ElementFamily.P, triangle, film.order)
+    values, along, across = element.tabulate(1, points)[..., 0]
+    nodes = cell_nodes(film.space)[cells]
+    numbers = film.block.index_map.local_to_global(nodes.ravel())
+    first = system.block(film).to_global(numbers)[:, 0]
+    test = values * np.asarray(weights)[:, None]
+    return Patches(first.reshape(nodes.shape), along, across, test)
+
+
+def is_owned(indices: GlobalIndices, numbering: Numbering) -> npt.NDArray[np.bool_]:
+    """Which of the unknowns this rank owns, by their global indices."""
+    end = numbering.start + numbering.size_local
+    return (numbering.start <= indices) & (indices < end)
+
+
+class ChamberSurfaces:
+    """The surfaces of all chambers of a scene that patches bound.
+
+    Attributes:
+        pressures: pressure [Pa] on the patches of each chamber, along their normals (chambers,).
+        volume: V_c at q1 (chambers,) [m³], of each chamber's sign.
+        magnitude: sum of the sizes of the terms of G_c(q)·q (chambers,) [m³], for round-off.
+        swept: W_c (chambers,) [m³], or V_c(q1) - V_c(q0) if forces act at the end of the step.
+    """
+
+    def __init__(self, system: Assembly) -> None:
+        self._system = system
+        # Chamber, patches and sign of each kind of patches
+        self._sides: list[tuple[int, Patches, float]] = []
+        self.count = 0
+
+    def add(self, sides: Sequence[Side]) -> int:
+        """Register a chamber before `compile`; returns its index in the results."""
+        self._sides += [(self.count, patches, sign) for patches, sign in sides]
+        self.count += 1
+        return self.count - 1
+
+    def compile(self) -> None:
+        """Number the nodes of all patches and allocate the arrays.  Collective."""
+        system = self._system
+        numbering = system.numbering
+        nodes = [patches.nodes for _, patches, _ in self._sides]
+        flat = np.concatenate([some.ravel() for some in nodes])
+        ghosts = np.unique(flat[~is_owned(flat, numbering)])
+        self._owned = numbering.size_local
+        # Nodes of this rank's patches that other ranks own, behind its own unknowns
+        self._gather: Gather | None = None
+        if system.comm.size > 1:
+            self._gather = Gather(numbering, [ghosts[:, None] + np.arange(3)])
+            self._shares = numbering.vector()
+
+        def local(indices: GlobalIndices) -> npt.NDArray[np.int32]:
+            """Numbers of unknowns among this rank's own, then those of ghosts."""
+            of_ghosts = self._owned + 3 * np.searchsorted(ghosts, indices)
+            own = indices - numbering.start
+            return np.where(is_owned(indices, numbering), own, of_ghosts).astype(np.int32)
+
+        # Each pair of nodes of one patch has one block of the tangent; pairs are numbered by row,
+        # then by column.
+        pairs = []
+        for some in nodes:
+            rows = some[:, :, None].astype(np.int64)
+            pairs.append(rows * numbering.size + some[:, None, :])
+        keys, blocks = np.unique(
+            np.concatenate([one.ravel() for one in pairs]), return_inverse=True
+        )
+        self._entries = FixedBlocks(numbering, keys // numbering.size, keys % numbering.size)
+
+        self._c = c_library(HEADER, system.comm)
+        self._allocate(self._owned + 3 * len(ghosts), len(keys))
+        ends = np.cumsum([one.size for one in pairs])[:-1]
+        kinds = []
+        for side, of_pairs in zip(self._sides, np.split(blocks, ends), strict=True):
+            kinds.append(self._kind_for_kernel(side, local(side[1].nodes), of_pairs))
+        self._kinds = kinds
+        self._c_all = self._surfaces_for_kernel()
+
+    def _allocate(self, unknowns: int, blocks: int) -> None:
+        """Allocate what C reads and writes, for the unknowns of this rank, ghosts included."""
+        chambers = self.count
+        # 1, or -1 if all normals of a chamber point inwards
+        self._orientation = np.ones(chambers)
+        self.pressures = np.zeros(chambers)
+        self._start = np.zeros(unknowns)
+        self._end = np.zeros(unknowns)
+        self._mid = np.zeros(unknowns)
+        # G_c(q0), G_c(q̄) and G_c(q1) [m²], of other ranks' nodes what they do not know yet
+        self._at_start = np.zeros((chambers, unknowns))
+        self._at_end = np.zeros((chambers, unknowns))
+        self._at_mid = self._at_end
+        if not self._system.rule.acts_at_end:
+            self._at_mid = np.zeros((chambers, unknowns))
+        self._sums = np.zeros((3, chambers))
+        self.volume = self._sums[0]
+        self.magnitude = self._sums[1]
+        self.swept = self._sums[2]
+        self._initial_volume = np.zeros(chambers)
+        self._blocks = np.zeros((blocks, 3, 3))
+
+    def _kind_for_kernel(
+        self,
+        side: tuple[int, Patches, float],
+        nodes: npt.NDArray[np.int32],
+        blocks: npt.NDArray[np.int64],
+    ) -> CStruct:
+        """Return the patches of one side of a chamber as the C structure `gas_patches`; `nodes`
+        (n, k) and `blocks` (n k²,) are numbers on this rank."""
+        chamber, patches, sign = side
+        count, k = nodes.shape
+        points = patches.test.shape[-2]
+        shape: tuple[int, ...] = (points, k)
+        if patches.test.ndim == 3:
+            shape = (count, points, k)
+        check_indices("The nodes of patches", nodes, len(self._end) - 2)
+
+        def table(name: str, values: Array) -> Any:
+            return self._c.array(name, np.ascontiguousarray(values), "float64", shape)
+
+        numbers = blocks.astype(np.int32).reshape(count, k, k)
+        return self._c.struct(
+            "gas_patches",
+            {
+                "count": count,
+                "node_count": k,
+                "point_count": points,
+                "table_stride": points * k if len(shape) == 3 else 0,
+                "chamber": chamber,
+                "sign": sign,
+                "nodes": self._c.array("nodes", nodes, "int32", (count, k)),
+                "along": table("along", patches.along),
+                "across": table("across", patches.across),
+                "test": table("test", patches.test),
+                "blocks": self._c.array("blocks", numbers, "int32", (count, k, k)),
+            },
+        )
+
+    def _surfaces_for_kernel(self) -> CStruct:
+        """Return all patches and arrays as the C structure `gas_surfaces`."""
+        library: CLibrary = self._c
+        arrays = {
+            "orientation": self._orientation,
+            "pressure": self.pressures,
+            "start": self._start,
+            "end": self._end,
+            "mid": self._mid,
+            "at_mid": self._at_mid,
+            "at_end": self._at_end,
+            "sums": self._sums,
+            "blocks": self._blocks,
+        }
+        fields = {
+            name: library.array(name, values, "float64", values.shape, writable=True)
+            for name, values in arrays.items()
+        }
+        pointers = [kind.pointer for kind in self._kinds]
+        return library.struct(
+            "gas_surfaces",
+            {
+                "kind_count": len(pointers),
+                "chamber_count": self.count,
+                "unknown_count": len(self._end),
+                "owned_count": self._owned,
+                "block_count": len(self._blocks),
+                "alpha": self._system.rule.alpha,
+                "kinds": library.ffi.new("gas_patches *[]", pointers),
+                **fields,
+            },
+        )
+
+    # ---- the step --------------------------------------------------------------------------------
+
+    def follow(self) -> None:
+        """Evaluate volumes [m³] and gradients [m²] of all chambers at the end of the step, as
+        iterated.  Collective."""
+        self._end[: self._owned] = self._system.q1.array_r
+        if self._gather is not None:
+            self._end[self._owned :] = self._gather(self._system.q1)[0].ravel()
+        self._c.lib.patches_gradients(self._c_all.pointer)
+        if self._gather is not None:
+            self._send_shares(self._gather, self._at_end)
+            if self._at_mid is not self._at_end:
+                self._send_shares(self._gather, self._at_mid)
+        self._c.lib.patches_sums(self._c_all.pointer)
+        if self._gather is not None:
+            self._system.comm.Allreduce(MPI.IN_PLACE, self._sums, op=MPI.SUM)
+        if self._at_mid is self._at_end:
+            np.subtract(self.volume, self._initial_volume, out=self.swept)
+
+    def _send_shares(self, gather: Gather, gradients: Array) -> None:
+        """Add the shares of ghosts in gradients (chambers, unknowns) to those of the ranks that own
+        them.  Collective."""
+        for row in gradients:
+            self._shares.array[:] = row[: self._owned]
+            gather.add(row[self._owned :], self._shares)
+            row[: self._owned] = self._shares.array_r
+
+    def orient(self, c: int, smallest: float) -> None:
+        """Turn the normals of chamber c if its volume was below -`smallest` [m³] without a sign at
+        the last `follow`; the next one evaluates it so."""
+        volume = self._orientation[c] * self.volume[c]
+        self._orientation[c] = -1.0 if volume < -smallest else 1.0
+
+    def accept(self) -> None:
+        """Make the end of this step the start of the next."""
+        self._start[:] = self._end
+        self._at_start[:] = self._at_end
+        self._initial_volume[:] = self.volume
+
+    def gradients(self, c: int) -> tuple[Array, Array, Array]:
+        """Return this rank's parts of the gradients [m²] of chamber c, as new arrays: G_c = ∂V_c/∂q
+        in the positions q̄ where forces act, which times the pressure is the force; and ∂V_c/∂q1
+        and ∂W_c/∂q1."""
+        at_mid = self._at_mid[c, : self._owned].copy()
+        at_end = self._at_end[c, : self._owned].copy()
+        if self._at_mid is self._at_end:
+            return at_mid, at_end, at_end
+        change = at_end - self._at_start[c, : self._owned]
+        return at_mid, at_end, at_mid + self._system.rule.alpha * change
+
+    def add_forces(self, values: Array) -> None:
+        """Subtract the forces of all chambers, pressure · G_c(q̄) [N], from the owned part of a
+        residual."""
+        values -= self.pressures @ self._at_mid[:, : self._owned]
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the derivative of the forces of all `pressures` [Pa] by the end of the step to the
+        tangent of the system [N/m]."""
+        self._c.lib.patches_tangent(self._c_all.pointer)
+        self._entries.add(A, self._blocks)
