@@ -92,8 +92,8 @@ MIN_UNKNOWNS_WITH_FRAMES = 40_000
 # Krylov iterations after which a factorisation costs less than more of them, 5 for 47 thousand
 # unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few digits
 # may also double Newton's iterations.  14 steps of the former take 0.94 of the time of
-# factorisations alone, with a limit of 8 they take 1.11; taut film between beams takes 2.4 iterations
-# and 0.65 of the time.
+# factorisations alone, with a limit of 8 they take 1.11.  Taut film between beams takes 2.4
+# iterations and 0.65 of the time.
 MAX_ITERATIONS = 6
 
 # Relative residual of a solution from which a factorisation without scaling is not accurate enough.
@@ -291,9 +291,9 @@ class CondensedConstraints:
         self.problem = ""
         self._hard_steps = factorisation.HardSteps(MAX_FACTORISED_STEPS)
         self._step: tuple[float, float] | None = None  # time and length of the last step
-        # R - 1 at the end and L - 1 in the middle of the step, see `_turn`
-        self._E: csr_matrix
-        self._E_middle: csr_matrix
+        # This rank's changed rows of R - 1 at the end and of L - 1 in the middle of the step.
+        self._own_E: csr_matrix
+        self._own_E_middle: csr_matrix
         self._find_rows(system.A)
         # Before the matrix is made again, with more entries.
         self._A = self._rows_of(system.A)
@@ -692,7 +692,7 @@ class CondensedSolver:
         pc = self._krylov.getPC()
         pc.setType("python")
         pc.setPythonContext(context)
-        self._complete: PETSc.PC | None = None  # a factorisation of A, in hard steps
+        self._complete: PETSc.PC = None  # a factorisation of A, in hard steps
         # Diagonal^(-1/2).
         self._scale = K.createVecLeft()
         self._work = K.createVecLeft()
