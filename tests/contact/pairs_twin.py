@@ -30,8 +30,9 @@ ROWS = {
     PointInSphere.number: [[1, -1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
     PointInCylinder.number: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
 }
-# Two Gauss points integrate cubic functions, as the kernel does.
+# Two Gauss points integrate cubic functions; as in the kernel, edges have two in each quarter.
 GAUSS_POINTS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+POINTS_OF_EDGES = ((np.arange(4)[:, None] + GAUSS_POINTS) / 4).ravel()
 
 # The rounding ε ((u - ½)² + (v - ½)²) as measures, but for a constant in the first.
 ROUNDING_MEASURES = np.array([0.5, -0.5, -0.5, 1, 0, 1])
@@ -163,10 +164,14 @@ class PairTwin:
         change = e1 - e0
         s0, _ = self.distance(e0)
         s1, _ = self.distance(e1)
-        mean = sum(self.distance(e0 + τ * change)[1] for τ in GAUSS_POINTS) / 2
+        path = POINTS_OF_EDGES if self.is_edges else GAUSS_POINTS
+        mean = np.mean([self.distance(e0 + τ * change)[1] for τ in path], axis=0)
         # Correction that makes the mean gradient do exactly the change s1 - s0.
         missing = s1 - s0 - mean @ change
-        mean = mean + missing / (change @ change) * change
+        # Measures count by their sizes: of r the width, of a and b their mean squared length.
+        sizes = self.width + np.array([0, e0[3] + e1[3], e0[5] + e1[5]]) / 2
+        direction = change / (sizes[FIRST] * sizes[SECOND])
+        mean = mean + missing / (change @ direction) * direction
         b0 = self.energy_of(self.scaled(s0))
         b1 = self.energy_of(self.scaled(s1))
         # Secant of the potential over the change of the distance.

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from petsc4py import PETSc
 
 import gossamer_fx as gx
-from gossamer_fx.solve.system.tangent import Tangent
+from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
+from gossamer_fx.solve.system.tangent import BlockSum, Tangent
 from tests.contact.scenes import contact_set_of, simulate, two_films
 
 
@@ -91,18 +93,62 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     system.supports.clear(A, 0.0)
     tangent = Tangent(A, [contacts])
     tangent.fetch_couplings()
-    of_sum, of_whole, of_strong = (numbering.vector() for _ in range(3))
+    of_sum, of_whole, of_factorised, of_strong = (numbering.vector() for _ in range(4))
     tangent.mult(z, of_sum)
     tangent.whole().mult(z, of_whole)
+    tangent.for_factorisation().mult(z, of_factorised)
     tangent.for_preconditioner().mult(z, of_strong)
+    # `-gx_mat_type aij` makes matrices of this kind.
+    of_numbers = numbering.vector()
+    numbers = Tangent(A.convert("aij", PETSc.Mat()), [contacts])
+    numbers.fetch_couplings()
+    numbers.for_factorisation().mult(z, of_numbers)
     size = exact.norm()
-    for found in (of_sum, of_whole):
+    for found in (of_sum, of_whole, of_factorised, of_numbers):
         found.axpy(-1.0, exact)
         # 1e-5: relative truncation of the difference near the barrier.
         assert found.norm() < 1e-5 * size
     of_strong.axpy(-1.0, exact)
     # The preconditioner's matrix leaves out weak couplings, and is closer than nothing.
     assert of_strong.norm() < size  # a part
+
+
+def test_a_sum_of_blocks_keeps_its_pattern_until_it_lacks_a_block() -> None:
+    ends = np.array([0, 2, 4, 5], dtype=np.int32)
+    columns = np.array([0, 1, 0, 1, 2], dtype=np.int32)
+    draw = np.random.default_rng(1)
+    A = PETSc.Mat().createBAIJ(((9, 9), (9, 9)), 3, csr=(ends, columns, draw.random((5, 9))))
+    total = BlockSum(A)
+
+    def couplings(*places: tuple[int, int]) -> CouplingBlocks:
+        rows, columns = np.array(places).T
+        return CouplingBlocks(rows, columns, draw.random((len(rows), 9)))
+
+    def sum_of(*several: CouplingBlocks) -> PETSc.Mat:
+        found = total.set(several)
+        expected = dense(A)
+        for blocks in several:
+            for row, column, values in zip(blocks.rows, blocks.columns, blocks.values, strict=True):
+                at = slice(3 * row, 3 * row + 3), slice(3 * column, 3 * column + 3)
+                expected[at] += values.reshape(3, 3)
+        assert np.array_equal(dense(found), expected)
+        return found
+
+    # A has these blocks itself.
+    sum_of(couplings((0, 1), (1, 0)))
+    first = sum_of(couplings((0, 2), (1, 2)), couplings((1, 2), (2, 2)))
+    # Both blocks are in the pattern, with new values of A.
+    A.scale(2.0)
+    assert sum_of(couplings((1, 2))).handle == first.handle
+    wider = sum_of(couplings((0, 2), (1, 2), (2, 0)))
+    assert wider.handle != first.handle
+    # One coupling of four is left: the others are not kept.
+    narrow = sum_of(couplings((2, 1)))
+    assert narrow.getInfo()["nz_used"] < wider.getInfo()["nz_used"]
+
+
+def dense(matrix: PETSc.Mat) -> np.ndarray:
+    return matrix.convert("dense", PETSc.Mat()).getDenseArray().copy()
 
 
 @pytest.mark.mpi

@@ -232,3 +232,15 @@ def test_edges_about_to_cross_are_pushed_back_the_more_the_nearer_they_are() -> 
     first = int(np.flatnonzero(state == PairState.PASSED)[0])
     # The forces go on without a jump where energy ends: at most 5 % between two of 2000 heights.
     assert stress[first] / stress[first - 1] < 1.05
+
+
+def test_edges_that_rock_push_across_however_little_they_stretch() -> None:
+    """Of two parallel edges the right ends are the nearer ones at first, and the left ones at last.
+    All lies across the edges but their tilt, 2e-4/0.28: so must the force."""
+    pairs = crossing_edges(2.25e-6)
+    x0 = np.array([[0, 0, 0], [0.28, 0, 0], [0, 0, 1.4e-3], [0.28, 0, 1.3e-3]])
+    for stretch in np.linspace(-2e-4, 2e-4, 11):
+        motion = np.array([[0, 0, 0], [stretch, 0, 0], [0, 0, -1.5e-4], [stretch, 0, 1.5e-4]])
+        force = evaluate(pairs, x0, x0 + motion, BARRIER, 0.5, by_pair=True).forces[0]
+        along, _, across = abs(force.reshape(4, 3)).max(axis=0)
+        assert along < 1e-3 * across

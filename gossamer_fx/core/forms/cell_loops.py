@@ -197,14 +197,17 @@ def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[
     return function.applied("set_in_cells", to.struct(cells.library), to.width)
 
 
-def prepared_integral(form: fem.Form) -> tuple[PreparedFunction, Cells, Indices] | None:
+def prepared_integral(
+    form: fem.Form, only: Indices | None = None
+) -> tuple[PreparedFunction, Cells, Indices] | None:
     """The C function of a compiled form that is one integral over cells, the cells, and the rows of
-    the nodes of its space there (cells, k); None: it is not.  Collective."""
+    the nodes of its space there (cells, k); None: it is not.  `only` are the local numbers of some
+    of the cells.  Collective."""
     found = cell_integral(form)
     if found is None:
         return None
     integral, numbers = found
-    cells = Cells(form.mesh, numbers)
+    cells = Cells(form.mesh, numbers if only is None else only)
     function = CellFunction(
         address=_address(integral),
         coefficients=tuple(form._cpp_object.coefficients),

@@ -23,6 +23,7 @@ from gossamer_fx.core.forms.c_source import check_indices
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 
 # Norm of a block over the geometric mean of the two on its diagonal from which a preconditioner
 # needs it.  In the inflating tube of docs/theory/contact.md, without them a solve takes 3 to 42
@@ -70,6 +71,10 @@ class BlockAssembly:
     # First unknown of each block row of the coupling matrix; `_coupling_rows` and
     # `_coupling_columns` of its blocks are indices of this array.
     _row_dof: Int64Array
+    # Blocks (k, 9) off the diagonal that are not zero, and their block rows and columns (k,).
+    _entries: Array
+    _entry_rows: Int64Array
+    _entry_columns: Int64Array
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
         """Find out which unknowns ranks own; `couple` makes the pattern of a step.  Collective."""
@@ -185,7 +190,13 @@ class BlockAssembly:
         is_free = self._numbering.vector()
         is_free.set(1.0)
         is_free.array[self._system.supports.held] = 0
-        self._is_free = self._values_at(is_free)
+        marks = self._values_at(is_free)
+        of_rows = marks[self._coupling_rows]
+        of_columns = marks[self._coupling_columns]
+        # Most contacts have few blocks with fixed coordinates, or none.
+        self._fixed: Int64Array = np.flatnonzero(~(of_rows.all(axis=1) & of_columns.all(axis=1)))
+        free_entries = of_rows[self._fixed, :, None] * of_columns[self._fixed, None]
+        self._free_entries = free_entries.reshape(-1, 9)
 
     def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
         """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
@@ -284,6 +295,16 @@ class BlockAssembly:
             return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=self._comm)
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
 
+    def coupling_blocks(self) -> CouplingBlocks | None:
+        """Return all blocks of `coupling` as they are now; None: on several ranks, or where the
+        matrices have no blocks of three."""
+        if self._comm.size > 1 or not self._has_node_blocks:
+            return None
+        self._fetch_entries()
+        rows = self._row_dof[self._entry_rows] // 3
+        columns = self._row_dof[self._entry_columns] // 3
+        return CouplingBlocks(rows, columns, self._entries)
+
     def _fetch_entries(self) -> None:
         """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows; collective.
         The results are `_entries` (k, 9), with `_entry_rows` and `_entry_columns` (k,).  Blocks
@@ -294,15 +315,11 @@ class BlockAssembly:
             blocks = np.zeros((len(self._coupling_rows), 9))
             index = np.arange(len(self._coupling_rows), dtype=np.int32)
             np.add.at(blocks, self._received, self._exchange.send(self.blocks[self._sent]))
+        blocks[index[self._fixed]] *= self._free_entries
         nonzero = _nonzero_blocks(blocks, index)
         self._entry_rows = self._coupling_rows[nonzero]
         self._entry_columns = self._coupling_columns[nonzero]
         self._entries = blocks[index[nonzero]]
-        # Most contacts have no fixed points, and skip a pass over all entries.
-        if not self._is_free.all():
-            rows = self._is_free[self._entry_rows][:, :, None]
-            columns = self._is_free[self._entry_columns][:, None]
-            self._entries *= (rows * columns).reshape(-1, 9)
 
     def _csr(
         self, block_rows: np.ndarray, block_columns: np.ndarray, first_dof: Int64Array

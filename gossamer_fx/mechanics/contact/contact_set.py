@@ -55,6 +55,7 @@ from gossamer_fx.mechanics.contact.potential import (
 )
 from gossamer_fx.mechanics.contact.stencils import TINY, is_boundary
 from gossamer_fx.mechanics.contact.step_forces import StepForces
+from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.
@@ -540,9 +541,10 @@ class ContactSet:
         for body in self.mesh.bodies:
             owned = self.system.block(body).owned
             rows = update[owned].reshape(-1, body.block.size)
-            way = np.linalg.norm(rows[:, :3], axis=1)
+            way = np.sqrt(np.einsum("nc,nc->n", rows[:, :3], rows[:, :3]))
             # A whole node keeps the direction of its update.
-            rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
+            if way.max(initial=0.0) > longest:
+                rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
 
     # ---- forces ----
 
@@ -555,13 +557,16 @@ class ContactSet:
         """Add the blocks on the diagonal of the tangent [N/m]; `coupling_matrices` has the others.
         Between steps zeros reserve these blocks in the pattern."""
         if self.pairs is None:
-            self.forces.reserve(A)
+            self.forces.assembly.reserve_diagonal(A)
             return
         self.forces.add_tangents(A, self.x0, self.end_points())
 
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
-        coupling = None if self.pairs is None else self.forces.coupling(diagonal)
+        coupling = None if self.pairs is None else self.forces.assembly.coupling(diagonal)
         return [] if coupling is None else [coupling]
+
+    def coupling_blocks(self) -> CouplingBlocks | None:
+        return None if self.pairs is None else self.forces.assembly.coupling_blocks()
 
     # ---- energy balance of a step ----
 

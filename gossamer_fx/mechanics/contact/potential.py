@@ -23,25 +23,29 @@ convex in e, and can be treated as any stored energy.
 Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e0:
 
     1. The stress of the step is S = k (b(x1) - b(x0))/(s1 - s0) φ_mean.                        (1)
-    2. φ_mean = ∫₀¹ φ dτ along e0 + τ Δe, by two Gauss points.                                  (2)
-    3. Gauss points leave an error in (2).  A multiple of Δe is added to φ_mean such that
-       φ_mean·Δe = s1 - s0.                                                                     (3)
+    2. φ_mean = ∫₀¹ φ dτ along e0 + τ Δe, by two Gauss points; of edges by two in each quarter.  (2)
+    3. Gauss points leave an error in (2).  A multiple of W Δe is added to φ_mean such that
+       φ_mean·Δe = s1 - s0.  W is diagonal: 1 over the squared size of each measure, with the
+       activation distance for r and the mean lengths in the step for a and b.                  (3)
     4. The force on the points is De(q_mid)ᵀ S.  Since De(q_mid)(q1 - q0) = Δe, its work is
        k (b(x1) - b(x0)); it has no resultant and no moment, as e does not change in rigid motions.
 
 Parallel edges.  Their closest points are anywhere along them and jump when they turn.  Adding
 ε ((u - ½)² + (v - ½)²), ε = ROUNDING width, to the form rounds s and leaves it concave.  Where
 edges cross, s may then be ε/2; the offset of barriers is larger by this much, so that they are
-infinite there.
+infinite there.  Where closest points run along such edges in a step, (2) has a large error. Without
+W its correction would go along Δ(a·a), by far the largest number in Δe: as a force along the edges,
+three times the one across them where edges hardly stretch, and of the other sign where they do so
+the other way.  Newton's iteration then alternates: 5 of 7 rejected steps of a packed sail.
 
 Iterates of Newton's method may pass through something.  Such pairs are pushed back by a parabola of
 the signed distance (`kernels/pass_through.h`).  For edges with a barrier, x must not fall below a
 fiftieth of its value at the start of the step.  Below it b is continued as a parabola of x, so that
 the iteration has a finite force; a step that ends there is refused.
 
-Cost: three searches for closest points for each pair and evaluation, at e1 and at the two Gauss
-points; those of e0 are known from the start of the step.  All is in C, and pairs out of range are
-left out.
+Cost: three searches for closest points for each pair and evaluation, nine for edges, at e1 and at
+the Gauss points; those of e0 are known from the start of the step.  All is in C, and pairs out of
+range are left out.
 
 Limits: the tangent of a step is not symmetric, since (3) treats both ends differently from the
 middle. The measures at the Gauss points are those of no configuration, so that their closest points
@@ -205,6 +209,7 @@ def evaluate(
     geometric_share: float = 1.0,
     known_state: ByteArray | None = None,
     push_back: float = PUSH_BACK,
+    table: CStruct | None = None,
 ) -> PairResponse:
     """Compute forces and tangents of n contact pairs in a step from points x0 to x1 (m, 3) [m].
 
@@ -220,6 +225,7 @@ def evaluate(
         known_state: what each pair does (n,), from an earlier call for the same step.
         push_back: stiffness of pairs that passed through, over their own [-]; zero for a step that
             was accepted, whose pairs are then treated alike in both directions of time.
+        table: the pairs for C, from `step_table`; None: it is made.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -238,6 +244,7 @@ def evaluate(
         base = x1 if is_state else x0
         # In statics the force is the gradient at x1, whose closest points it needs.
         start = pair_starts(pairs, base, *closest_points(pairs, base))
+        table = None
     block_count = 0 if blocks is None else len(blocks)
     step = c.struct(
         "contact_step",
@@ -264,9 +271,15 @@ def evaluate(
             "pair_tangents": c.array("tangents", tangents, "float64", (count, 144), writable=True),
         },
     )
-    table = _active_pairs(pairs, start, law)
+    if table is None:
+        table = _active_pairs(pairs, start, law)
     c.lib.evaluate_pairs(table.pointer, step.pointer, response.pointer)
     return PairResponse(state, forces, tangents)
+
+
+def step_table(pairs: ActivePairs, law: ContactLaw) -> CStruct:
+    """Return the pairs of a step for C: made once, as all iterations of the step evaluate them."""
+    return _active_pairs(pairs, pairs.start, law)
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:

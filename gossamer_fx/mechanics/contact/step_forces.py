@@ -11,7 +11,7 @@ The pairs are divided into two tables, since their tangents are assembled in two
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -30,9 +30,11 @@ from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import (
     PUSH_BACK,
     ContactLaw,
+    PairResponse,
     PairState,
     evaluate,
     reversed_pairs,
+    step_table,
 )
 
 if TYPE_CHECKING:
@@ -48,6 +50,7 @@ class StepForces:
         push_back: stiffness of pairs that passed through, over their own [-].
         point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
         acting_count: number of pairs with a force there.
+        assembly: of the tangent; it has the blocks off the diagonal.
     """
 
     def __init__(
@@ -63,7 +66,7 @@ class StepForces:
         self._points = points
         self._law = law
         self._system = system
-        self._assembly = BlockAssembly(points, system)
+        self.assembly = BlockAssembly(points, system)
         # Weight of the end of a step in the configuration where forces act: 1 in an equilibrium.
         self._alpha = system.rule.alpha
         # Whether the ends of the step were exchanged, in which friction has no part.
@@ -87,10 +90,11 @@ class StepForces:
         self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
         self._obstacle_pairs = pairs.rows(~is_of_bodies)
+        self._make_tables()
         block_rows, self._row_weights = self._points.block_rows_of(self._obstacle_pairs.points)
         # Block rows (n, k) of the pairs with friction, by groups.
         rubbing = [] if self.friction is None else self.friction.begin_step(pairs, x0)
-        block_index = self._assembly.couple(self._body_pairs.points, block_rows, *rubbing)
+        block_index = self.assembly.couple(self._body_pairs.points, block_rows, *rubbing)
         self._body_blocks: Int32Array = block_index[0]
         self._obstacle_blocks: Int32Array = block_index[1]
         if self.friction is not None:
@@ -108,6 +112,7 @@ class StepForces:
         assert start is not None, "reversed pairs have the starts of the reversed step"
         self._body_pairs = replace(self._body_pairs, start=start[self._is_of_bodies])
         self._obstacle_pairs = replace(self._obstacle_pairs, start=start[~self._is_of_bodies])
+        self._make_tables()
         self._is_reversed = True
         self._last_end = x0
         self._last_states = None
@@ -115,22 +120,35 @@ class StepForces:
         self.push_back = 0.0
         return table
 
+    def _make_tables(self) -> None:
+        """Make the tables of both kinds of pairs for C."""
+        self._tables = [
+            (pairs, step_table(pairs, self._law))
+            for pairs in (self._body_pairs, self._obstacle_pairs)
+        ]
+
+    def _evaluate(self, kind: int, x0: Array, x1: Array, **wanted: Any) -> PairResponse:
+        """Evaluate the pairs between bodies (0) or with an obstacle (1), for what is wanted."""
+        pairs, table = self._tables[kind]
+        return evaluate(
+            pairs,
+            x0,
+            x1,
+            self._law,
+            self._alpha,
+            geometric_share=self._system.geometric,
+            push_back=self.push_back,
+            table=table,
+            **wanted,
+        )
+
     def compute(self, x0: Array, x1: Array) -> None:
         """Compute the forces of this rank's pairs, with friction, and note what each pair does.
         `point_forces` (m, 3) [N] then has at each point the sum over the pairs of this rank."""
         # Pairs add to the rows of their points.
         self.clear()
         of_bodies, of_obstacles = (
-            evaluate(
-                pairs,
-                x0,
-                x1,
-                self._law,
-                self._alpha,
-                point_forces=self.point_forces,
-                push_back=self.push_back,
-            ).state
-            for pairs in (self._body_pairs, self._obstacle_pairs)
+            self._evaluate(kind, x0, x1, point_forces=self.point_forces).state for kind in (0, 1)
         )
         self._last_end = x1
         self._last_states = (of_bodies, of_obstacles)
@@ -139,49 +157,22 @@ class StepForces:
             self.friction.add_forces(x0, x1, self.point_forces)
 
     def add_tangents(self, A: PETSc.Mat, x0: Array, x1: Array) -> None:
-        """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `coupling` has the
+        """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `assembly` has the
         others.  Collective."""
-        blocks = self._assembly.blocks
+        blocks = self.assembly.blocks
         blocks[:] = 0
         # Pairs without contact at the last residual have no tangent either.
         of_bodies, of_obstacles = self._states_at(x1) or (None, None)
-        evaluate(
-            self._body_pairs,
-            x0,
-            x1,
-            self._law,
-            self._alpha,
-            block_index=self._body_blocks,
-            blocks=blocks,
-            geometric_share=self._system.geometric,
-            known_state=of_bodies,
-            push_back=self.push_back,
+        self._evaluate(
+            0, x0, x1, block_index=self._body_blocks, blocks=blocks, known_state=of_bodies
         )
         # Without obstacles the arrays of pairs and weights would be empty.
         if len(self._obstacle_pairs):
-            response = evaluate(
-                self._obstacle_pairs,
-                x0,
-                x1,
-                self._law,
-                self._alpha,
-                tangents_by_pair=True,
-                geometric_share=self._system.geometric,
-                known_state=of_obstacles,
-                push_back=self.push_back,
-            )
+            response = self._evaluate(1, x0, x1, tangents_by_pair=True, known_state=of_obstacles)
             self._add_through_block_rows(np.asarray(response.tangents))
         if self.friction is not None and not self._is_reversed:
             self.friction.add_tangents(x0, x1, blocks)
-        self._assembly.add_diagonal(A)
-
-    def reserve(self, A: PETSc.Mat) -> None:
-        """Enter zeros on the diagonal of a matrix, which reserve its blocks in the pattern."""
-        self._assembly.reserve_diagonal(A)
-
-    def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the matrix of the blocks off the diagonal, as `BlockAssembly.coupling`."""
-        return self._assembly.coupling(diagonal)
+        self.assembly.add_diagonal(A)
 
     def _add_through_block_rows(self, tangents: Array) -> None:
         """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
@@ -193,7 +184,7 @@ class StepForces:
         by_points = tangents.reshape(-1, 4, 3, 4, 3)
         by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)
         index = self._obstacle_blocks
-        np.add.at(self._assembly.blocks, index, by_rows.reshape(*index.shape, 9))
+        np.add.at(self.assembly.blocks, index, by_rows.reshape(*index.shape, 9))
 
     def identifiers_of_passed(self, x0: Array, x1: Array) -> Int64Array:
         """Return the identifiers (k,) of contact pairs that passed through each other in a step."""

@@ -33,7 +33,7 @@ from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.quality import area_vectors
 from gossamer_fx.core.model.body import Array, Port, unit
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Side, triangles
+from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Side, Triangles
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
@@ -164,7 +164,7 @@ class FilmEnclosure:
         # A component that a ring closes has no separate volume.
         if not loops:
             self._check_components(cells, system)
-        sides: list[Side] = [(triangles(self.film, owned, system), 1.0)]
+        sides: list[Side] = [(Triangles(self.film, owned), 1.0)]
         sides += [(loop.patches(), sign) for loop, sign in zip(loops, signs, strict=True)]
         return CompiledSurface(geometry.surfaces, sides)
 

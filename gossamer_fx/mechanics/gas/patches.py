@@ -1,35 +1,38 @@
-"""The surfaces that bound chambers, as patches: volumes, gradients, forces and tangent.
+"""The surfaces that bound chambers: volumes, gradients, forces and tangent.
 
-A patch is a triangle of a film, or a strip that closes a ring or a seam (`gas.ring`, `gas.sewn`),
-with positions x(s, r) = Σ N_i(s, r) x_i.  With the area vectors n = x,s × x,r of the patches of
-chamber c:
+A surface consists of triangles of films and of strips that close rings and seams (`gas.ring`,
+`gas.sewn`).  With the deformed area vectors n dA of chamber c:
 
-    G_c[w] = ∫∫ n·w ds dr              gradient of the volume, quadratic in x              (1)
-    V_c = ⅓ ∫∫ n·x ds dr = ⅓ G_c(q)·q  since the volume is homogeneous of degree three     (2)
+    G_c[w] = ∫ n·w dA                  gradient of the volume, quadratic in x              (1)
+    V_c = ⅓ ∫ n·x dA = ⅓ G_c(q)·q      since the volume is homogeneous of degree three     (2)
     W_c = G_c(q̄)·(q1 - q0)             swept volume, for the midpoint rule                 (3)
     ∂W_c/∂q1 = G_c(q̄) + α (G_c(q1) - G_c(q0))      since G_c is quadratic, for α = ½       (4)
 
+The films' share of (1), and its derivative, are UFL forms.  A strip is a patch with positions
+x(s, r) = Σ N_i(s, r) x_i, which C evaluates: n dA = x,s × x,r ds dr.
+
 Algorithm.  In every iteration:
 
-1. One call of C gives (1) at q̄ and at q1 for all chambers.  Each patch is evaluated on one rank;
-   shares of nodes that other ranks own are sent to them.
+1. One call of C for all strips, and two for the triangles of a film at one chamber, give (1) at q̄
+   and at q1.  Each is evaluated on one rank; shares of nodes that other ranks own are sent to them.
 2. Products with positions, summed over ranks, give (2) and (3).
-3. One call of C gives the derivative of the forces of all pressures, one block of numbers for each
+3. As many calls give the derivative of the forces of all pressures, one block of numbers for each
    pair of nodes, and one call of PETSc enters the blocks in the tangent.
 
-Cost: proportional to the number of patches.
+Cost: proportional to the number of triangles and strips.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import basix
 import numpy as np
 import numpy.typing as npt
+import ufl
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -37,9 +40,13 @@ from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.core.algebra.point_measures import FixedBlocks, Gather
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
+from gossamer_fx.core.forms.cell_loops import CellValues, prepared_integral
+from gossamer_fx.core.forms.compilation import compile_form, constant
+from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Assembly
+from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
 HEADER = Path(__file__).parent / "patches.h"
 
@@ -61,24 +68,55 @@ class Patches:
     test: Array
 
 
-# Patches with the sign, 1 or -1, that makes their normals agree with those of the other patches of
-# a chamber
-Side = tuple[Patches, float]
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """The triangles of a film that this rank evaluates, by their local numbers (n,)."""
+
+    film: Membrane
+    cells: npt.NDArray[np.int32]
 
 
-def triangles(film: Membrane, cells: npt.NDArray[np.int32], system: Assembly) -> Patches:
-    """The owned triangles (n,) of a film as patches, s and r their reference coordinates."""
-    # Degree of (1): 2 (order - 1) of the area vector, order of w.
-    degree = 2 * (film.order - 1) + film.order
-    triangle = basix.CellType.triangle
-    points, weights = basix.make_quadrature(triangle, degree)
-    element: Any = basix.create_element(basix.ElementFamily.P, triangle, film.order)
-    values, along, across = element.tabulate(1, points)[..., 0]
-    nodes = cell_nodes(film.space)[cells]
-    numbers = film.block.index_map.local_to_global(nodes.ravel())
-    first = system.block(film).to_global(numbers)[:, 0]
-    test = values * np.asarray(weights)[:, None]
-    return Patches(first.reshape(nodes.shape), along, across, test)
+# Part of a surface, with the sign, 1 or -1, that makes its normals agree with those of the other
+# parts of a chamber
+Side = tuple[Patches | Triangles, float]
+
+
+class FilmForms:
+    """The forms of a film that bounds chambers, which all of them share.
+
+    Attributes:
+        factor: of all forms: the sign of the normals, in the tangent times the pressure [Pa].
+        at_end, at_mid: linear forms, (1) at q1 and at q̄.
+        tangent: bilinear form, the derivative of the negative of (1) at q̄ by q1.
+    """
+
+    def __init__(self, film: Membrane, at: Coordinates) -> None:
+        """Compile the forms on the whole film.  Collective."""
+        # Degree of (1): 2 (order - 1) of the area vector, order of w.
+        degree = 2 * (film.order - 1) + film.order
+        dx = ufl.Measure("dx", film.mesh.domain, metadata={"quadrature_degree": degree})
+        self.factor = constant(film.mesh.domain, 1.0)
+
+        def flux(x: Any) -> Any:
+            """The form (1) at positions x on the film."""
+            return self.factor * ufl.dot(area_vector(film.deformation(x)), at.w) * dx
+
+        self.at_end = compile_form(flux(at.q1))
+        self.at_mid = compile_form(flux(at.mid))
+        self.tangent = compile_form(ufl.derivative(-flux(at.mid), at.q1, at.dq))
+
+
+@dataclass(frozen=True, eq=False)
+class FilmPart:
+    """The triangles of a film at one chamber, with what adds the values of `FilmForms` there to the
+    arrays of all surfaces; `sign` as in `Side`."""
+
+    chamber: int
+    sign: float
+    factor: fem.Constant
+    add_at_end: Callable[[], Any]
+    add_at_mid: Callable[[], Any]
+    add_tangent: Callable[[], Any]
 
 
 def is_owned(indices: GlobalIndices, numbering: Numbering) -> npt.NDArray[np.bool_]:
@@ -99,25 +137,26 @@ class ChamberSurfaces:
 
     def __init__(self, system: Assembly) -> None:
         self._system = system
-        # Chamber, patches and sign of each kind of patches
-        self._sides: list[tuple[int, Patches, float]] = []
+        # Chamber, part of its surface and sign
+        self._sides: list[tuple[int, Patches | Triangles, float]] = []
         self.count = 0
 
     def add(self, sides: Sequence[Side]) -> int:
         """Register a chamber before `compile`; returns its index in the results."""
-        self._sides += [(self.count, patches, sign) for patches, sign in sides]
+        self._sides += [(self.count, part, sign) for part, sign in sides]
         self.count += 1
         return self.count - 1
 
     def compile(self) -> None:
-        """Number the nodes of all patches and allocate the arrays.  Collective."""
+        """Number the nodes of all surfaces, compile the forms and allocate the arrays.
+        Collective."""
         system = self._system
         numbering = system.numbering
-        nodes = [patches.nodes for _, patches, _ in self._sides]
+        nodes = [self._nodes_of(part) for _, part, _ in self._sides]
         flat = np.concatenate([some.ravel() for some in nodes])
         ghosts = np.unique(flat[~is_owned(flat, numbering)])
         self._owned = numbering.size_local
-        # Nodes of this rank's patches that other ranks own, behind its own unknowns
+        # Nodes of this rank's parts that other ranks own, behind its own unknowns
         self._gather: Gather | None = None
         if system.comm.size > 1:
             self._gather = Gather(numbering, [ghosts[:, None] + np.arange(3)])
@@ -129,8 +168,8 @@ class ChamberSurfaces:
             own = indices - numbering.start
             return np.where(is_owned(indices, numbering), own, of_ghosts).astype(np.int32)
 
-        # Each pair of nodes of one patch has one block of the tangent; pairs are numbered by row,
-        # then by column.
+        # Each pair of nodes of one triangle or strip has one block of the tangent; pairs are
+        # numbered by row, then by column.
         pairs = []
         for some in nodes:
             rows = some[:, :, None].astype(np.int64)
@@ -143,11 +182,41 @@ class ChamberSurfaces:
         self._c = c_library(HEADER, system.comm)
         self._allocate(self._owned + 3 * len(ghosts), len(keys))
         ends = np.cumsum([one.size for one in pairs])[:-1]
-        kinds = []
-        for side, of_pairs in zip(self._sides, np.split(blocks, ends), strict=True):
-            kinds.append(self._kind_for_kernel(side, local(side[1].nodes), of_pairs))
-        self._kinds = kinds
+        forms: dict[Membrane, FilmForms] = {}
+        self._films: list[FilmPart] = []
+        self._kinds: list[CStruct] = []
+        for (chamber, part, sign), indices, of_pairs in zip(
+            self._sides, nodes, np.split(blocks, ends), strict=True
+        ):
+            numbers = of_pairs.reshape(*indices.shape, indices.shape[1]).astype(np.int32)
+            if isinstance(part, Patches):
+                kind = self._kind_for_kernel(chamber, part, sign, local(indices), numbers)
+                self._kinds.append(kind)
+                continue
+            if part.film not in forms:
+                forms[part.film] = FilmForms(part.film, system.coordinates[part.film])
+            form = forms[part.film]
+            rows = local(indices)[:, :, None] + np.arange(3, dtype=np.int32)
+            self._films.append(
+                FilmPart(
+                    chamber,
+                    sign,
+                    form.factor,
+                    _adding(form.at_end, part, self._at_end[chamber], rows),
+                    _adding(form.at_mid, part, self._at_mid[chamber], rows),
+                    _adding(form.tangent, part, self._blocks, _entries_of(numbers)),
+                )
+            )
         self._c_all = self._surfaces_for_kernel()
+
+    def _nodes_of(self, part: Patches | Triangles) -> GlobalIndices:
+        """Global index of the first coordinate of each node of patches or triangles (n, k)."""
+        if isinstance(part, Patches):
+            return part.nodes
+        film = part.film
+        nodes = cell_nodes(film.space)[part.cells]
+        numbers = film.block.index_map.local_to_global(nodes.ravel())
+        return self._system.block(film).to_global(numbers)[:, 0].reshape(nodes.shape)
 
     def _allocate(self, unknowns: int, blocks: int) -> None:
         """Allocate what C reads and writes, for the unknowns of this rank, ghosts included."""
@@ -173,13 +242,14 @@ class ChamberSurfaces:
 
     def _kind_for_kernel(
         self,
-        side: tuple[int, Patches, float],
+        chamber: int,
+        patches: Patches,
+        sign: float,
         nodes: npt.NDArray[np.int32],
-        blocks: npt.NDArray[np.int64],
+        blocks: npt.NDArray[np.int32],
     ) -> CStruct:
-        """Return the patches of one side of a chamber as the C structure `gas_patches`; `nodes`
-        (n, k) and `blocks` (n k²,) are numbers on this rank."""
-        chamber, patches, sign = side
+        """Return patches of a chamber as the C structure `gas_patches`; `nodes` (n, k) and `blocks`
+        (n, k, k) are numbers on this rank."""
         count, k = nodes.shape
         points = patches.test.shape[-2]
         shape: tuple[int, ...] = (points, k)
@@ -190,7 +260,6 @@ class ChamberSurfaces:
         def table(name: str, values: Array) -> Any:
             return self._c.array(name, np.ascontiguousarray(values), "float64", shape)
 
-        numbers = blocks.astype(np.int32).reshape(count, k, k)
         return self._c.struct(
             "gas_patches",
             {
@@ -204,7 +273,7 @@ class ChamberSurfaces:
                 "along": table("along", patches.along),
                 "across": table("across", patches.across),
                 "test": table("test", patches.test),
-                "blocks": self._c.array("blocks", numbers, "int32", (count, k, k)),
+                "blocks": self._c.array("blocks", blocks, "int32", (count, k, k)),
             },
         )
 
@@ -250,6 +319,11 @@ class ChamberSurfaces:
         if self._gather is not None:
             self._end[self._owned :] = self._gather(self._system.q1)[0].ravel()
         self._c.lib.patches_gradients(self._c_all.pointer)
+        for part in self._films:
+            part.factor.value = part.sign * self._orientation[part.chamber]
+            part.add_at_end()
+            if self._at_mid is not self._at_end:
+                part.add_at_mid()
         if self._gather is not None:
             self._send_shares(self._gather, self._at_end)
             if self._at_mid is not self._at_end:
@@ -300,4 +374,28 @@ class ChamberSurfaces:
         """Add the derivative of the forces of all `pressures` [Pa] by the end of the step to the
         tangent of the system [N/m]."""
         self._c.lib.patches_tangent(self._c_all.pointer)
+        for part in self._films:
+            sign = part.sign * self._orientation[part.chamber]
+            part.factor.value = sign * self.pressures[part.chamber]
+            part.add_tangent()
         self._entries.add(A, self._blocks)
+
+
+def _adding(
+    form: fem.Form, triangles: Triangles, values: Array, rows: npt.NDArray[np.int32]
+) -> Callable[[], Any]:
+    """Return what adds the numbers that a form has in each triangle to those of an array, the
+    `rows` (n, ...) of a triangle.  Collective."""
+    prepared = prepared_integral(form, triangles.cells)
+    assert prepared is not None
+    function, cells, _ = prepared
+    flat = rows.reshape(len(rows), int(np.prod(rows.shape[1:])))
+    to = CellValues(values.reshape(-1, 1), flat)
+    return function.applied("add_in_cells", to.struct(cells.library), to.width)
+
+
+def _entries_of(blocks: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Positions (n, k, 3, k, 3) of the entries of triangles' matrices in blocks (b, 3, 3), from the
+    number of the block of each pair of nodes (n, k, k)."""
+    place = np.arange(9, dtype=np.int32).reshape(3, 1, 3)
+    return 9 * blocks[:, :, None, :, None] + place

@@ -40,7 +40,7 @@ from gossamer_fx.mechanics.gas.enclosure import (
     CompiledSurface,
     all_triangles,
 )
-from gossamer_fx.mechanics.gas.patches import Patches, Side, is_owned, triangles
+from gossamer_fx.mechanics.gas.patches import Patches, Side, Triangles, is_owned
 from gossamer_fx.mechanics.gas.ring import QUADRATURE_DEGREE_ACROSS, quadrature
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
@@ -142,7 +142,7 @@ class SewnEnclosure:
         for film, sign in zip(self.films, signs, strict=True):
             owned = film.mesh.domain.topology.index_map(2).size_local
             cells = self.cells(film)
-            sides.append((triangles(film, cells[cells < owned], system), sign))
+            sides.append((Triangles(film, cells[cells < owned]), sign))
         for (line_a, line_b), sign in zip(lines, strip_signs, strict=True):
             sides.append((seam_patches(line_a, line_b, system), sign))
         return CompiledSurface(geometry.surfaces, sides)

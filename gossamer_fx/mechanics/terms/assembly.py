@@ -322,6 +322,20 @@ class Multipliers(ABC):
         """Add D²e[v, v] in the rows of the multipliers."""
 
 
+@dataclass(frozen=True)
+class CouplingBlocks:
+    """Blocks of 3 x 3 of a tangent on one rank, sorted by row, then by column.
+
+    Attributes:
+        rows, columns: block row and block column of each (k,), three unknowns each.
+        values: its nine entries (k, 9) [N/m], row by row.
+    """
+
+    rows: npt.NDArray[np.int64]
+    columns: npt.NDArray[np.int64]
+    values: Array
+
+
 class ActiveSet(ABC):
     """Interacting pairs that change from step to step, as those of contact.
 
@@ -350,6 +364,11 @@ class ActiveSet(ABC):
         With a diagonal: only the blocks that a preconditioner needs in addition to a matrix that
         has this diagonal.  The caller destroys them.
         """
+
+    def coupling_blocks(self) -> CouplingBlocks | None:
+        """The blocks of `coupling_matrices` without a diagonal, from which a matrix is made faster;
+        None: on several ranks, or where matrices have no blocks of three."""
+        return None
 
     def limit_update(self, update: Array) -> None:
         """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length

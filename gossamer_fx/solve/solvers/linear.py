@@ -105,11 +105,11 @@ class Composite:
             if z is not None:
                 z.copy(x)
             return
-        with x as values:
-            if z is not None:
-                values[: self.n] = z.array_r
-            if self.comm.rank == 0:
-                values[self.n :] = y
+        values = x.array
+        if z is not None:
+            values[: self.n] = z.array_r
+        if self.comm.rank == 0:
+            values[self.n :] = y
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
         """Coordinates z [m] of x, in a vector that the next call overwrites, and its scalar
@@ -117,8 +117,7 @@ class Composite:
         if not self.scalars:
             x.copy(self.fields)
             return self.fields, np.zeros(0)
-        with self.fields as values:
-            values[:] = x.array_r[: self.n]
+        self.fields.array[:] = x.array_r[: self.n]
         y: Array = np.empty(self.scalars)
         if self.comm.rank == 0:
             y[:] = x.array_r[self.n :]
@@ -147,8 +146,7 @@ class Columns:
     def add(self, z: PETSc.Vec, weights: Array) -> None:
         """Add the sum of weights[k] columns[k] to z."""
         if self.nonzero:
-            with z as values:
-                values += weights[self.nonzero] @ self.values
+            z.array[:] += weights[self.nonzero] @ self.values
 
 
 class Bordered:
@@ -167,8 +165,9 @@ class Bordered:
 
     def rows(self, z: Array) -> Array:
         """Hᵀ z, summed over the ranks: (m,) for z (n,), or (m, k) for k vectors z (k, n)."""
-        total: Array = np.zeros((self.H.count, *z.shape[:-1]))
-        self.composite.comm.Allreduce(self.H.products(z), total)
+        total = self.H.products(z)
+        if self.composite.comm.size > 1:
+            self.composite.comm.Allreduce(MPI.IN_PLACE, total)
         return total
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, out: PETSc.Vec) -> None:
@@ -226,7 +225,7 @@ class BorderedPreconditioner:
         if _keep_factors(self._sparse):
             return
         if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
-            factorisation.replace(self._sparse, tangent.whole())
+            factorisation.replace(self._sparse, tangent.for_factorisation())
         elif self._needs_couplings:
             self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
         else:
@@ -246,8 +245,7 @@ class BorderedPreconditioner:
         column = operator.composite.fields
         solved: list[Array | None] = [None] * operator.G.count
         for k, values_of_column in zip(operator.G.nonzero, operator.G.values, strict=True):
-            with column as values:
-                values[:] = values_of_column
+            column.array[:] = values_of_column
             self._sparse.apply(column, self._out)
             solved[k] = self._out.array_r.copy()
         self._Z = Columns(solved)

@@ -340,17 +340,16 @@ class Newton:
         """w and y of x; fixed coordinates get their values, which not every linear solver keeps
         exactly."""
         w, y = self._composite.split(x)
-        with w as values:
-            values[self.system.supports.held] = self._fixed_values
+        w.array[self.system.supports.held] = self._fixed_values
         return w, y
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
         """Shorten an update where contact requires it; whether it may have changed.  Called by
         PETSc. Collective."""
-        self._has_update = math.isfinite(update.norm())
+        length = float(update.norm())
+        self._has_update = math.isfinite(length)
         if not (self._has_update and self.system.active_sets):
             return False
-        length = float(update.norm())
         with update as values:
             self.system.limit_update(values[: self._composite.n])
         self._kept_shares.append(float(update.norm()) / max(length, factorisation.TINY))

@@ -105,7 +105,9 @@ class Increment:
         elastic = (diagonal.array_r - inertia) * q1.array_r
         inertial = inertia * (self._w.array_r + offset)
         square = float(elastic @ elastic + inertial @ inertial)
-        return float(np.sqrt(self._comm.allreduce(square)))
+        if self._comm.size > 1:
+            square = self._comm.allreduce(square)
+        return square**0.5
 
     def round_off_energy(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
         """Energy [J] that round-off gives to a scene at rest: ½ Σ K_ii (n ε q1_i)², n = REST_UNITS,

@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
 
+import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.mechanics.terms.assembly import ActiveSet
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.terms.assembly import ActiveSet, CouplingBlocks
 
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+# PETSc's C function for `_block_values`, of the library to which petsc4py is linked.
+get_array = ctypes.CDLL(PETSc.__file__).MatSeqBAIJGetArray
+
+# Integers of blocks: their keys, places, rows or columns.
+Keys = npt.NDArray[np.int64]
+
+# A pattern that lacks a coupling is made again.  It keeps the couplings of iterations before while
+# they are not more than this multiple of the present ones: pairs come and go, and each new pattern
+# costs an ordering of the unknowns, each coupling too many fill.
+KEPT_COUPLINGS = 1.5
+
+
+# Entries of a block that has them row by row, in the order in which PETSc stores them.
+BY_COLUMNS = [0, 3, 6, 1, 4, 7, 2, 5, 8]
 
 
 class Tangent:
@@ -18,22 +37,43 @@ class Tangent:
     def __init__(self, A: PETSc.Mat, active_sets: Sequence[ActiveSet]) -> None:
         self.A = A
         self._active_sets = active_sets
-        self._couplings: list[PETSc.Mat] = []
+        # Couplings as blocks, or else as matrices, which are made of the blocks when asked for.
+        self._blocks: list[CouplingBlocks] = []
+        self._matrices: list[PETSc.Mat] | None = []
         self._diagonal: PETSc.Vec | None = None
+        self._sum: BlockSum | None = None
 
     def fetch_couplings(self) -> None:
         """Replace the couplings by those at the present iterate, once A is assembled.  The old ones
         are destroyed at once: on several ranks PETSc keeps what Python drops until all ranks
         collect garbage together."""
-        for C in self._couplings:
+        for C in self._matrices or ():
             C.destroy()
-        # Without a diagonal: strong and weak ones.
-        self._couplings = [C for pairs in self._active_sets for C in pairs.coupling_matrices(None)]
+        found = [pairs.coupling_blocks() for pairs in self._active_sets]
+        self._blocks = [blocks for blocks in found if blocks is not None and len(blocks.values)]
+        self._matrices = None
+        if None in found:
+            self._blocks = []
+            # Without a diagonal: strong and weak ones.
+            self._matrices = [
+                C for pairs in self._active_sets for C in pairs.coupling_matrices(None)
+            ]
+
+    @property
+    def _couplings(self) -> list[PETSc.Mat]:
+        """The matrices C."""
+        if self._matrices is None:
+            row_count = self.A.getSize()[0] // 3
+            self._matrices = [
+                _block_matrix(blocks.rows, blocks.columns, blocks.values, row_count)
+                for blocks in self._blocks
+            ]
+        return self._matrices
 
     @property
     def is_coupled(self) -> bool:
         """Whether there are couplings, the same on all ranks."""
-        return bool(self._couplings)
+        return bool(self._blocks or self._couplings)
 
     def mult(self, z: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (A + Σ C) z."""
@@ -54,13 +94,23 @@ class Tangent:
 
     def whole(self) -> PETSc.Mat:
         """The sum as one matrix: A itself if nothing is coupled."""
-        return self._sum(self._couplings)
+        return self._sum_with(self._couplings)
+
+    def for_factorisation(self) -> PETSc.Mat:
+        """The sum as one matrix, which the next call may overwrite: its pattern is kept while it
+        has all couplings, so that the unknowns are not ordered again in each iteration."""
+        # The user may choose another type of matrices.
+        if not self._blocks or self.A.getType() != PETSc.Mat.Type.SEQBAIJ:
+            return self.whole()
+        if self._sum is None:
+            self._sum = BlockSum(self.A)
+        return self._sum.set(self._blocks)
 
     def for_preconditioner(self) -> PETSc.Mat:
         """The part of the tangent [N/m] that a preconditioner needs: A and the strong couplings, as
         a new matrix if there are any.  Collective."""
         strong = self.strong_couplings()
-        total = self._sum(strong)
+        total = self._sum_with(strong)
         for C in strong:
             C.destroy()
         return total
@@ -68,12 +118,12 @@ class Tangent:
     def strong_couplings(self) -> list[PETSc.Mat]:
         """Those couplings [N/m] of contact pairs that are strong compared with the diagonal of A,
         as new matrices, which the caller destroys.  Collective."""
-        if not self._couplings:
+        if not self.is_coupled:
             return []
         self._diagonal = self.A.getDiagonal(self._diagonal)
         return [C for pairs in self._active_sets for C in pairs.coupling_matrices(self._diagonal)]
 
-    def _sum(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
+    def _sum_with(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
         """The sum of A and coupling matrices of contact pairs as one new matrix; A itself if
         nothing is coupled.  Collective."""
         if not couplings:
@@ -84,3 +134,82 @@ class Tangent:
         for C in couplings:
             total.axpy(1.0, C, DIFFERENT_PATTERN)
         return total
+
+
+class BlockSum:
+    """A matrix of 3 x 3 blocks on one rank, and couplings, summed in one matrix of both patterns.
+
+    A block is named by its key, its row times the number of block rows, plus its column; keys in
+    ascending order are those of the matrix's values.
+    """
+
+    def __init__(self, A: PETSc.Mat) -> None:
+        """Take A, which is assembled and keeps its pattern."""
+        self._row_count = A.getSize()[0] // 3
+        ends, columns = A.getRowIJ(compressed=True)
+        rows = np.repeat(np.arange(self._row_count), np.diff(ends))
+        self._keys_of_A = rows * self._row_count + columns
+        self._values_of_A = _block_values(A)
+        # Keys of the matrix, of which there is none yet, and of its blocks that A has not.
+        self._keys: Keys = np.zeros(0, dtype=np.int64)
+        self._added_keys: Keys = self._keys
+
+    def set(self, couplings: Sequence[CouplingBlocks]) -> PETSc.Mat:
+        """Return the sum of A and couplings with their present values, at least one block, as the
+        matrix of the last call or a new one."""
+        keys = [blocks.rows * self._row_count + blocks.columns for blocks in couplings]
+        all_keys = np.concatenate(keys)
+        if not _are_among(all_keys, self._keys).all():
+            self._make(all_keys)
+        # Without `mode` NumPy would fill a copy of the array first.
+        np.take(self._values_of_A, self._places_in_A, axis=0, out=self._values, mode="clip")
+        self._values[self._added] = 0
+        for blocks, some in zip(couplings, keys, strict=True):
+            self._values[np.searchsorted(self._keys, some)] += blocks.values[:, BY_COLUMNS]
+        self._matrix.stateIncrease()
+        return self._matrix
+
+    def _make(self, keys: Keys) -> None:
+        """Make the matrix again, with blocks of these keys (k,)."""
+        needed: Keys = np.unique(keys[~_are_among(keys, self._keys_of_A)])
+        self._added_keys = np.union1d(self._added_keys, needed)
+        if len(self._added_keys) > KEPT_COUPLINGS * len(needed):
+            self._added_keys = needed
+        self._keys = np.sort(np.concatenate([self._keys_of_A, self._added_keys]), kind="stable")
+        self._added = np.searchsorted(self._keys, self._added_keys)
+        # For blocks that A has not: the place of another one.
+        self._places_in_A = np.searchsorted(self._keys_of_A, self._keys)
+        rows, columns = np.divmod(self._keys, self._row_count)
+        zeros = np.zeros((len(rows), 9))
+        self._matrix = _block_matrix(rows, columns, zeros, self._row_count)
+        self._values = _block_values(self._matrix)
+
+
+def _are_among(keys: Keys, sorted_keys: Keys) -> npt.NDArray[np.bool_]:
+    """Which keys (k,) are among others that are sorted."""
+    if not len(sorted_keys):
+        return np.zeros(len(keys), dtype=bool)
+    return np.take(sorted_keys, np.searchsorted(sorted_keys, keys), mode="clip") == keys
+
+
+def _block_matrix(rows: Keys, columns: Keys, values: Array, row_count: int) -> PETSc.Mat:
+    """A new square matrix on one rank of 3 x 3 blocks (k, 9), sorted by row, then by column."""
+    ends = np.append(0, np.cumsum(np.bincount(rows, minlength=row_count)))
+    csr = (ends.astype(PETSc.IntType), columns.astype(PETSc.IntType), values)
+    size = 3 * row_count
+    return PETSc.Mat().createBAIJ(((size, size), (size, size)), 3, csr=csr, comm=PETSc.COMM_SELF)
+
+
+def _block_values(matrix: PETSc.Mat) -> Array:
+    """The values (k, 9) of the 3 x 3 blocks of an assembled matrix on one rank, in the order of
+    rows and columns, each block column by column.
+
+    petsc4py does not offer them.  The array is the memory of the matrix, valid while the matrix
+    exists and keeps its pattern.  After a change call `stateIncrease` of the matrix, or solvers use
+    what they made of the old values.
+    """
+    address = ctypes.c_void_p()
+    if get_array(ctypes.c_void_p(matrix.handle), ctypes.byref(address)) or not address.value:
+        raise RuntimeError(f"PETSc gives no values of a matrix of the type '{matrix.getType()}'.")
+    count = int(matrix.getInfo()["nz_used"])
+    return np.frombuffer((ctypes.c_double * count).from_address(address.value)).reshape(-1, 9)

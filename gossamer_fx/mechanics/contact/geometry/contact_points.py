@@ -281,6 +281,9 @@ class ContactPoints:
 
     def of_block_rows(self, q: PETSc.Vec) -> Array:
         """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
+        if self.comm.size == 1:
+            # Six times as fast as a scatter.
+            return np.asarray(q.array_r[self._dofs])
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:

@@ -13,12 +13,16 @@
    as a parabola of x. */
 static const double LEAST_KEPT_DISTANCE = 0.02;
 
-/* Squared change of the measures over their squares, below which it is round-off, along which
-   nothing is corrected. */
-static const double SMALLEST_CHANGE = 1e-28;
+/* Error of (2) over the squared distances below which it is their round-off, which is not corrected:
+   in a pair at rest the correction would divide it by a change of the same size. */
+static const double ROUND_OFF = 1e-15;
 
-/* Gauss points of the path average (2). */
+/* Gauss points of the path average (2), in the whole path or in each of its equal parts. */
 static const double GAUSS_POINTS[2] = {0.21132486540518713, 0.7886751345948129};
+
+/* Parts of the path of two edges.  The closest points of almost parallel ones run from end to end in a
+   fifth of the path, by the rounding of s; with two points for the whole path the force jumps there. */
+static const int PARTS_OF_EDGES = 4;
 
 /* Which measure is the product of two vectors. */
 static const int MEASURE_OF[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
@@ -137,27 +141,59 @@ static void change_of_measures(const pair_step *pair, const pair_vectors *middle
     }
 }
 
+/* 1 over the squared size of each measure (3): of r.r that is the width, of a.a and b.b their mean in
+   the step.  `length_rates` are the relative changes of these lengths by those measures at the end. */
+static void weights_of_measures(const pair_step *pair, double weight[6], double length_rates[3])
+{
+    double start[6], end[6], squared_length[3] = {pair->width, 0, 0};
+    measures_of(&pair->start, start);
+    measures_of(&pair->end, end);
+    length_rates[0] = 0;
+    for (int i = 1; i < 3; ++i) {
+        const int m = MEASURE_OF[i][i];
+        squared_length[i] = pair->width + (start[m] + end[m]) / 2;
+        length_rates[i] = 0.5 / squared_length[i];
+    }
+    for (int m = 0; m < 6; ++m)
+        weight[m] = 1 / (squared_length[MEASURE_FIRST[m]] * squared_length[MEASURE_SECOND[m]]);
+}
+
 /* Add to the mean gradient what makes mean.change the exact change of s (3); `defect` is what is
-   missing, and squared_change is change.change.  The derivative with respect to the end of the
-   measures, or NULL, follows. */
+   missing.  The derivative with respect to the end of the measures, or NULL, follows. */
 static void correct_along_change(const pair_step *pair, const double change[6], double defect,
-                                 double squared_change,
                                  double mean[6], double (*derivative)[6])
 {
-    const double share = defect / squared_change;
-    if (derivative) {
-        double of_share[6];
-        for (int m = 0; m < 6; ++m) {
-            double sum = 0;
-            for (int n = 0; n < 6; ++n) sum += change[n] * derivative[n][m];
-            of_share[m] = (pair->end_gradient[m] - mean[m] - sum - 2 * share * change[m]) / squared_change;
-        }
-        for (int m = 0; m < 6; ++m) {
-            derivative[m][m] += share;
-            for (int n = 0; n < 6; ++n) derivative[m][n] += change[m] * of_share[n];
-        }
+    double weight[6], length_rates[3], direction[6], square = 0;
+    weights_of_measures(pair, weight, length_rates);
+    for (int m = 0; m < 6; ++m) {
+        direction[m] = weight[m] * change[m];
+        square += direction[m] * change[m];
     }
-    for (int m = 0; m < 6; ++m) mean[m] += share * change[m];
+    const double share = defect / square;
+    if (derivative) {
+        double of_share[6], of_square[6], of_direction[6][6] = {{0}};
+        for (int m = 0; m < 6; ++m) {
+            of_square[m] = 2 * direction[m];
+            of_direction[m][m] = weight[m];
+        }
+        for (int m = 0; m < 6; ++m) {
+            const int vectors[2] = {MEASURE_FIRST[m], MEASURE_SECOND[m]};
+            for (int k = 0; k < 2; ++k) {
+                const int n = MEASURE_OF[vectors[k]][vectors[k]];
+                of_direction[m][n] -= length_rates[vectors[k]] * direction[m];
+                of_square[n] -= length_rates[vectors[k]] * direction[m] * change[m];
+            }
+        }
+        for (int n = 0; n < 6; ++n) {
+            double sum = 0;
+            for (int m = 0; m < 6; ++m) sum += change[m] * derivative[m][n];
+            of_share[n] = (pair->end_gradient[n] - mean[n] - sum - share * of_square[n]) / square;
+        }
+        for (int m = 0; m < 6; ++m)
+            for (int n = 0; n < 6; ++n)
+                derivative[m][n] += share * of_direction[m][n] + direction[m] * of_share[n];
+    }
+    for (int m = 0; m < 6; ++m) mean[m] += share * direction[m];
 }
 
 /* The mean of ds/de along the straight path of the measures (2), corrected (3), and its derivative
@@ -165,23 +201,21 @@ static void correct_along_change(const pair_step *pair, const double change[6], 
 static void mean_gradient(const pair_step *pair, const pair_vectors *middle, double mean[6],
                           double (*derivative)[6])
 {
-    double start[6], change[6], squared_change = 0, squared_start = 0, defect = pair->s1 - pair->s0;
+    double start[6], change[6], defect = pair->s1 - pair->s0;
     measures_of(&pair->start, start);
     change_of_measures(pair, middle, change);
-    for (int m = 0; m < 6; ++m) {
-        mean[m] = 0;
-        squared_change += change[m] * change[m];
-        squared_start += start[m] * start[m];
-    }
-    for (int g = 0; g < 2; ++g) {
+    for (int m = 0; m < 6; ++m) mean[m] = 0;
+    const int parts = pair->frame.of->is_rounded ? PARTS_OF_EDGES : 1;
+    for (int g = 0; g < 2 * parts; ++g) {
+        const double t = (g / 2 + GAUSS_POINTS[g % 2]) / parts;
         double measures[6], gradient[6];
-        for (int m = 0; m < 6; ++m) measures[m] = start[m] + GAUSS_POINTS[g] * change[m];
-        distance_derivatives(&pair->frame, measures, gradient, derivative, GAUSS_POINTS[g] / 2);
-        for (int m = 0; m < 6; ++m) mean[m] += gradient[m] / 2;
+        for (int m = 0; m < 6; ++m) measures[m] = start[m] + t * change[m];
+        distance_derivatives(&pair->frame, measures, gradient, derivative, t / (2 * parts));
+        for (int m = 0; m < 6; ++m) mean[m] += gradient[m] / (2 * parts);
     }
     for (int m = 0; m < 6; ++m) defect -= mean[m] * change[m];
-    if (squared_change > SMALLEST_CHANGE * squared_start)
-        correct_along_change(pair, change, defect, squared_change, mean, derivative);
+    if (fabs(defect) > ROUND_OFF * (fabs(pair->s0) + fabs(pair->s1)))
+        correct_along_change(pair, change, defect, mean, derivative);
 }
 
 /* The secant of the energy of a step; beyond the least distance that edges must keep it goes on as
