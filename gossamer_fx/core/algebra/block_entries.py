@@ -18,6 +18,10 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from gossamer_fx.core.forms.cell_loops import prepared_integral
+from gossamer_fx.core.model.body import Array
+
+# The library to which petsc4py is linked, for C functions that it does not offer.
+PETSC = ctypes.CDLL(PETSc.__file__)
 
 
 def block_assembly(
@@ -41,32 +45,47 @@ def block_assembly(
     k = rows.shape[1]
     own = A.getDiagonalBlock()
     positions = _positions(own, rows - A.getOwnershipRange()[0] // size)
-    petsc = ctypes.CDLL(PETSc.__file__)
+    values = stored_blocks(own)
     to = c.struct(
         "block_matrix",
         {
             "size": size,
             "node_count": k,
-            "values": c.ffi.NULL,
+            "values": c.array("values", values, "float64", values.shape, writable=True),
             "positions": c.array("positions", positions, "int32", (len(rows), k, k)),
             "rows": c.array("rows", rows, "int32", rows.shape),
             "matrix": A.handle,
-            "set_values": ctypes.cast(petsc.MatSetValuesBlocked, ctypes.c_void_p).value,
+            "set_values": ctypes.cast(PETSC.MatSetValuesBlocked, ctypes.c_void_p).value,
         },
     )
     add = function.applied("add_to_blocks", to, (k * size) ** 2)
-    handle = ctypes.c_void_p(own.handle)
-    values = ctypes.c_void_p()
 
     def assemble() -> None:
-        petsc.MatSeqBAIJGetArray(handle, ctypes.byref(values))
-        to.pointer.values = c.ffi.cast("double *", values.value or 0)
         error = add()
-        petsc.MatSeqBAIJRestoreArray(handle, ctypes.byref(values))
+        own.stateIncrease()
         if error:
             raise PETSc.Error(error)
 
     return assemble
+
+
+def stored_blocks(matrix: PETSc.Mat) -> Array:
+    """The stored blocks (k, size²) of an assembled matrix on one rank, in the order of rows and
+    columns, each block column by column.
+
+    petsc4py does not offer them.  The array is the memory of the matrix, valid while the matrix
+    exists and keeps its pattern.  After a change call `stateIncrease` of the matrix, or solvers use
+    what they made of the old values.
+    """
+    address = ctypes.c_void_p()
+    error = PETSC.MatSeqBAIJGetArray(ctypes.c_void_p(matrix.handle), ctypes.byref(address))
+    if error:
+        raise PETSc.Error(error)
+    count = int(matrix.getInfo()["nz_used"])
+    size = matrix.getBlockSize() ** 2
+    if address.value is None or not count:
+        return np.zeros((0, size))
+    return np.frombuffer((ctypes.c_double * count).from_address(address.value)).reshape(-1, size)
 
 
 def _positions(own: PETSc.Mat, rows: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

@@ -196,14 +196,14 @@ class ChamberSurfaces:
             if part.film not in forms:
                 forms[part.film] = FilmForms(part.film, system.coordinates[part.film])
             form = forms[part.film]
-            rows = local(indices)[:, :, None] + np.arange(3, dtype=np.int32)
+            unknowns = local(indices)[:, :, None] + np.arange(3, dtype=np.int32)
             self._films.append(
                 FilmPart(
                     chamber,
                     sign,
                     form.factor,
-                    _adding(form.at_end, part, self._at_end[chamber], rows),
-                    _adding(form.at_mid, part, self._at_mid[chamber], rows),
+                    _adding(form.at_end, part, self._at_end[chamber], unknowns),
+                    _adding(form.at_mid, part, self._at_mid[chamber], unknowns),
                     _adding(form.tangent, part, self._blocks, _entries_of(numbers)),
                 )
             )

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.block_entries import stored_blocks
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.assembly import ActiveSet, CouplingBlocks
 
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
-
-# PETSc's C function for `_block_values`, of the library to which petsc4py is linked.
-get_array = ctypes.CDLL(PETSc.__file__).MatSeqBAIJGetArray
 
 # Integers of blocks: their keys, places, rows or columns.
 Keys = npt.NDArray[np.int64]
@@ -24,7 +21,6 @@ Keys = npt.NDArray[np.int64]
 # they are not more than this multiple of the present ones: pairs come and go, and each new pattern
 # costs an ordering of the unknowns, each coupling too many fill.
 KEPT_COUPLINGS = 1.5
-
 
 # Entries of a block that has them row by row, in the order in which PETSc stores them.
 BY_COLUMNS = [0, 3, 6, 1, 4, 7, 2, 5, 8]
@@ -149,7 +145,7 @@ class BlockSum:
         ends, columns = A.getRowIJ(compressed=True)
         rows = np.repeat(np.arange(self._row_count), np.diff(ends))
         self._keys_of_A = rows * self._row_count + columns
-        self._values_of_A = _block_values(A)
+        self._values_of_A = stored_blocks(A)
         # Keys of the matrix, of which there is none yet, and of its blocks that A has not.
         self._keys: Keys = np.zeros(0, dtype=np.int64)
         self._added_keys: Keys = self._keys
@@ -182,7 +178,7 @@ class BlockSum:
         rows, columns = np.divmod(self._keys, self._row_count)
         zeros = np.zeros((len(rows), 9))
         self._matrix = _block_matrix(rows, columns, zeros, self._row_count)
-        self._values = _block_values(self._matrix)
+        self._values = stored_blocks(self._matrix)
 
 
 def _are_among(keys: Keys, sorted_keys: Keys) -> npt.NDArray[np.bool_]:
@@ -198,18 +194,3 @@ def _block_matrix(rows: Keys, columns: Keys, values: Array, row_count: int) -> P
     csr = (ends.astype(PETSc.IntType), columns.astype(PETSc.IntType), values)
     size = 3 * row_count
     return PETSc.Mat().createBAIJ(((size, size), (size, size)), 3, csr=csr, comm=PETSc.COMM_SELF)
-
-
-def _block_values(matrix: PETSc.Mat) -> Array:
-    """The values (k, 9) of the 3 x 3 blocks of an assembled matrix on one rank, in the order of
-    rows and columns, each block column by column.
-
-    petsc4py does not offer them.  The array is the memory of the matrix, valid while the matrix
-    exists and keeps its pattern.  After a change call `stateIncrease` of the matrix, or solvers use
-    what they made of the old values.
-    """
-    address = ctypes.c_void_p()
-    if get_array(ctypes.c_void_p(matrix.handle), ctypes.byref(address)) or not address.value:
-        raise RuntimeError(f"PETSc gives no values of a matrix of the type '{matrix.getType()}'.")
-    count = int(matrix.getInfo()["nz_used"])
-    return np.frombuffer((ctypes.c_double * count).from_address(address.value)).reshape(-1, 9)
