@@ -16,7 +16,7 @@ import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solve.solvers import condensed_constraints, two_level
+from gossamer_fx.solve.solvers import condensed_constraints, eliminated_joints, two_level
 from gossamer_fx.solve.solvers.condensed_constraints import CondensedConstraints
 from tests.small_scenes import begin_iteration
 
@@ -108,10 +108,46 @@ def braced(comm):
 SCENES = (chain, plane, braced)
 
 
+def leaf(comm, cells, angle, spin, name):
+    """A film of 0.1 m on the y axis, turned about it by an angle, with a spin about it [rad/s]."""
+    c = np.cos(angle)
+    s = np.sin(angle)
+    return gx.Membrane(
+        sheet(comm, 4, cells, 0.1, 0.1),
+        LAW,
+        name=name,
+        displacement=lambda X: np.vstack([c * X[0], X[1], s * X[0]]) - X,
+        velocity=lambda X: np.vstack([-s * spin * X[0], 0 * X[0], c * spin * X[0]]),
+    )
+
+
+def book(comm):
+    """Two films of different meshes, tied along the y axis, clap together."""
+    lower = leaf(comm, 4, angle=0.0, spin=0.0, name="lower")
+    upper = leaf(comm, 6, angle=0.03, spin=-20.0, name="upper")
+    tie = gx.Tie(upper, lower, group_a="left", group_b="left")
+    return [lower, upper, tie, gx.Contact(lower, upper, distance=1e-3)]
+
+
+def stiff_book(comm):
+    """The same, and the lower film is tied to a beam along its free edge, where they touch."""
+    lower, upper, tie, contact = book(comm)
+    section = gx.sections.tube(2e-4, 5e-5, E=1e9, nu=0.3, density=1500.0)
+    beam = gx.Beam(line(comm, [(0.1, 0, 0), (0.1, 0.1, 0)], 4), section, name="beam")
+    joints = []
+    for k in range(5):
+        point = (0.1, k / 40, 0.0)
+        joint = gx.constraints.BallJoint(lower.port_at(point), beam.port_at(point), name=f"tie {k}")
+        joints.append(joint)
+    return [lower, upper, beam, tie, *joints, contact]
+
+
 def simulation(make, comm, monkeypatch=None, **options):
     """The run of a scene; with `monkeypatch` by Krylov iterations, whatever its size."""
     if monkeypatch is not None:
         monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT", 0)
+        monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
+        monkeypatch.setattr(eliminated_joints, "MAX_ELIMINATED", 0)
         monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_FRAMES", 0)
     run = gx.Simulation(gx.Scene(*make(comm)), gx.Midpoint(dt=1e-3), **options)
     if monkeypatch is not None:
@@ -171,6 +207,29 @@ def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
     newton = run.solver.newton
     assert newton.all_iterations <= other.solver.newton.all_iterations + 2
     assert newton.linear_iterations < 12 * newton.all_iterations
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("make", [book, stiff_book])
+def test_steps_with_contact_are_those_of_a_factorisation(make, comm, monkeypatch):
+    """Couplings of contact, some at tied nodes and at nodes that a beam holds, are condensed."""
+    run = simulation(make, comm, monkeypatch)
+    other = simulation(make, MPI.COMM_SELF)
+    newton = run.solver.newton
+    assert isinstance(newton._preconditioner.getPythonContext(), CondensedConstraints)
+    assert other.solver.newton.ksp.getType() != newton.ksp.getType()
+    stored = []
+    for each in (run, other):
+        each.run(until=1e-3)
+        stored.append(each.totals.stored["contact"])
+        assert abs(each.energy_error) < 1e-10 * each.totals.size
+    assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
+    assert stored[0] > 0
+    assert stored[0] == pytest.approx(stored[1], rel=1e-6)
+    assert run.system.constraints.violation(run.system.q0) < 1e-13
+    assert newton.all_iterations <= 1.5 * other.solver.newton.all_iterations
+    # Hardly more than one for one: the preconditioner has the couplings.
+    assert newton.linear_iterations < 3 * newton.all_iterations
 
 
 def test_a_gradient_is_that_of_a_factorisation(monkeypatch):
@@ -245,4 +304,63 @@ def test_a_step_of_many_iterations_is_factorised(monkeypatch):
     # The third step begins with Krylov iterations again.
     assert set_ups == pytest.approx([0.0, 2e-3])
     assert run.solver.newton.all_iterations > 3
+    assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
+
+
+@pytest.mark.parametrize("largest, is_scaled", [(1e-9, False), (0.0, True)])
+def test_a_factorisation_that_is_not_accurate_is_made_with_scaling(largest, is_scaled, monkeypatch):
+    run = simulation(braced, MPI.COMM_SELF, monkeypatch)
+    other = simulation(braced, MPI.COMM_SELF)
+    monkeypatch.setattr(condensed_constraints, "MAX_ITERATIONS", 0)
+    monkeypatch.setattr(condensed_constraints, "MAX_RESIDUAL", largest)
+    made = []
+    original = factorisation.new
+
+    def noted(A, is_scaled):
+        made.append(is_scaled)
+        return original(A, is_scaled)
+
+    monkeypatch.setattr(factorisation, "new", noted)
+    for each in (run, other):
+        each.run(until=1e-3)
+    assert not made[0]
+    assert made[-1] is is_scaled
+    assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
+
+
+def test_hard_solves_of_a_rejected_step_do_not_count(monkeypatch):
+    """The next attempt begins with Krylov iterations again."""
+    run = simulation(braced, MPI.COMM_SELF, monkeypatch)
+    run.run(until=1e-3)
+    context = run.solver.newton._preconditioner.getPythonContext()
+    context.give_up()
+    assert context.is_factorised
+    context.recover()
+    assert not context.is_factorised
+
+
+@pytest.mark.mpi(1)
+def test_dependent_directors_fail_on_all_ranks(comm, monkeypatch):
+    """The directors of one node vanish, which one rank alone may know: the linear solver fails on
+    all of them, in words, and serves again afterwards."""
+    run = simulation(braced, comm, monkeypatch)
+    other = simulation(braced, comm, monkeypatch)
+    system = run.system
+    begin_iteration(run, 1e-3)
+    kept = system.q1.copy()
+    beam = next(body for body in system.coordinates if isinstance(body, gx.Beam))
+    owned = system.block(beam).owned
+    if comm.rank == 0:
+        system.q1.array[owned.start + 3 : owned.start + 9] = 0.0
+    newton = run.solver.newton
+    A = system.assemble_tangent().A
+    r, z = A.createVecs()
+    r.setRandom()
+    newton.ksp.setOperators(A)
+    newton.ksp.solve(r, z)
+    assert newton.ksp.getConvergedReason() < 0
+    kept.copy(system.q1)
+    linear.recover(newton._preconditioner)
+    for each in (run, other):
+        each.run(until=1e-3)
     assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)

@@ -44,8 +44,11 @@ Algorithm.
 
 The matrix A is stored with the fill of K, so that the copy is one of memory.
 
-Limits.  No contact, whose couplings change the pattern.  No multipliers of other joints.  Of
-directors that are held in part the multipliers remain.
+Contact.  Its couplings C change their pattern.  The operator of the iteration adds products
+Lᵀ C R y; the two-level preconditioner gets K + Lᵀ C R with the strong ones, as a new matrix.
+
+Limits.  No contact together with gas.  No multipliers of other joints.  Of directors that are held
+in part the multipliers remain.
 
 Tried, without gain: beams that hold a film at a few points factorised by themselves, and coupled by
 a dense Schur complement.  The antenna of 170 thousand unknowns took as long as with a factorisation
@@ -83,14 +86,19 @@ NO_COEFFICIENT = 1e-12
 MIN_FILM_SHARE = 0.5
 
 # Unknowns from which frames are condensed.  With 47 thousand a step of a taut film between beams
-# takes 1.4 s of CPU time on one rank and 0.9 s on two, with all factorised 1.9 and 1.2 s.  Almost
-# slack film of an antenna with 47 and 170 thousand takes 1.06 and 1.03 times as long as with all
-# factorised.
+# takes 1.4 s of CPU time on one rank and 0.9 s on two, with all factorised 1.9 and 1.2 s.
 MIN_UNKNOWNS_WITH_FRAMES = 40_000
 
-# Krylov iterations after which a factorisation costs less than more of them.  In almost slack film
-# with narrow taut bands incomplete factors may not serve: one of 25 matrices of an antenna.
-MAX_ITERATIONS = 12
+# Krylov iterations after which a factorisation costs less than more of them, 5 for 47 thousand
+# unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few digits
+# may also double Newton's iterations.  14 steps of the former take 0.97 of the time of
+# factorisations alone, with a limit of 8 they take 1.11.  Taut film between beams takes 2.4
+# iterations and 0.65 of the time.
+MAX_ITERATIONS = 6
+
+# Relative residual of a solution from which a factorisation without scaling is not accurate enough.
+# Antennas have 1e-12.
+MAX_RESIDUAL = 1e-9
 
 # Largest number of steps that are factorised before Krylov iterations are tried again.
 MAX_FACTORISED_STEPS = 64
@@ -246,7 +254,7 @@ def _free_frames(system: System) -> list[Frames]:
 
 def _turns(d: Array) -> Array:
     """The matrices (n, 3k, 3) of (4), by which k directors d (n, 3k) turn with θ."""
-    directors = d.reshape(len(d), -1, 3)
+    directors = d.reshape(len(d), d.shape[1] // 3, 3)
     return -cross_matrices(directors).reshape(*d.shape, 3)
 
 
@@ -254,7 +262,12 @@ def _right_inverses(products: Array, d: Array) -> Array:
     """Matrices G (n, 3k, m) with C G = 1, for the gradients C (n, m, 3k) of the measures with these
     products at directors d (n, 3k)."""
     C = np.einsum("mab,nb->nma", products, d)
-    return np.linalg.solve(C @ C.transpose(0, 2, 1), C).transpose(0, 2, 1)
+    try:
+        inverses = np.linalg.solve(C @ C.transpose(0, 2, 1), C)
+    except np.linalg.LinAlgError:
+        # Dependent directors, perhaps on this rank only: all ranks find that K is not finite.
+        inverses = np.full_like(C, np.nan)
+    return inverses.transpose(0, 2, 1)
 
 
 class CondensedConstraints:
@@ -278,9 +291,9 @@ class CondensedConstraints:
         self.problem = ""
         self._hard_steps = factorisation.HardSteps(MAX_FACTORISED_STEPS)
         self._step: tuple[float, float] | None = None  # time and length of the last step
-        # R - 1 at the end and L - 1 in the middle of the step, see `_turn`
-        self._E: csr_matrix
-        self._E_middle: csr_matrix
+        # This rank's changed rows of R - 1 at the end and of L - 1 in the middle of the step.
+        self._own_E: csr_matrix
+        self._own_E_middle: csr_matrix
         self._find_rows(system.A)
         # Before the matrix is made again, with more entries.
         self._A = self._rows_of(system.A)
@@ -288,8 +301,12 @@ class CondensedConstraints:
         # Rows have more columns now.
         self._find_rows(system.A)
         self.K = system.A.duplicate()
-        self.inner.setOperators(self.K)
+        # After the matrices are made again.
+        self.tangent = system.coupled_tangent
+        self._coupled = self.K  # K with strong couplings of contact
         self._right = system.numbering.vector()
+        self._work = system.numbering.vector()
+        self._product = system.numbering.vector()
         self._gather = Gather(system.numbering, [self._near])
 
     def __str__(self) -> str:
@@ -300,8 +317,9 @@ class CondensedConstraints:
         return words
 
     def recover(self) -> None:
-        """Become usable again after a matrix that could not be factorised."""
+        """Become usable again after a step that was not solved: its hard solves do not count."""
         self._two_level.recover()
+        self._hard_steps.restore()
         self._step = None
 
     # ---- structure, once -------------------------------------------------------------------------
@@ -479,7 +497,49 @@ class CondensedConstraints:
         self._add(K, self._columns_of(E_middle) @ of_changed, self._near)
         self._add(K, self._unit_rows - self._A[self._gone_rows], gone)
         K.assemble()
+        if self._coupled.handle != K.handle:
+            self._coupled.destroy()
+        self._coupled = self._with_strong_couplings()
+        self.inner.setOperators(self._coupled, K)
         self.inner.setUp()
+
+    def _with_strong_couplings(self) -> PETSc.Mat:
+        """K + Lᵀ C R with those couplings C of contact that a preconditioner needs, as a new
+        matrix; K itself if there are none.  Collective."""
+        strong = self.tangent.strong_couplings()
+        if not strong:
+            return self.K
+        total = self.K.copy()
+        # The pattern of K is fixed, and the couplings have entries elsewhere.
+        total.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+        R = self._as_matrix(self._own_E)
+        L = self._as_matrix(self._own_E_middle)
+        for C in strong:
+            scalar = C.convert("aij", PETSc.Mat())
+            CR = scalar.matMult(R)
+            condensed = L.transposeMatMult(CR)
+            condensed.convert(total.getType())
+            total.axpy(1.0, condensed, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            for matrix in (C, scalar, CR, condensed):
+                matrix.destroy()
+        R.destroy()
+        L.destroy()
+        return total
+
+    def _as_matrix(self, own_E: csr_matrix) -> PETSc.Mat:
+        """R or L of all ranks, from this rank's changed rows of R - 1 or L - 1.  Collective."""
+        R = PETSc.Mat().create(self.K.comm)
+        R.setType("aij")
+        R.setSizes(self.K.getSizes())
+        R.setBlockSize(self.K.getBlockSize())
+        R.setUp()
+        R.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        ones = self.K.createVecLeft()
+        ones.set(1.0)
+        R.setDiagonal(ones, addv=PETSc.InsertMode.ADD_VALUES)
+        self._add(R, own_E, self._rows[self._changed_rows])
+        R.assemble()
+        return R
 
     def _rows_of(self, matrix: PETSc.Mat) -> csr_matrix:
         """This rank's rows of a matrix that change, with columns near them.  Collective."""
@@ -542,9 +602,30 @@ class CondensedConstraints:
         self._shift = self._G @ self._gather(r)[0]
         r.copy(right)
         right.array[self._rows - self._system.numbering.start] -= self._A @ self._shift
-        of_changed = right.array_r[self._own_changed]
-        self._gather.add(self._own_E_middle.T @ of_changed, right)
+        if self.tangent.is_coupled:
+            self._work.zeroEntries()
+            self._work.array[self._own_changed] = -self._shift[self._changed_near]
+            self.tangent.add_couplings(self._work, right)
+        self._project(right)
         return right
+
+    def _project(self, r: PETSc.Vec) -> None:
+        """Turn r into Lᵀ r, in place.  Collective."""
+        of_changed = r.array_r[self._own_changed]
+        self._gather.add(self._own_E_middle.T @ of_changed, r)
+
+    def add_couplings(self, y: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Add Lᵀ C R y to `out`, with all couplings C of contact.  Collective."""
+        if not self.tangent.is_coupled:
+            return
+        z = self._work
+        y.copy(z)
+        z.array[self._own_changed] += self._own_E @ self._gather(y)[0]
+        product = self._product
+        product.zeroEntries()
+        self.tangent.add_couplings(z, product)
+        self._project(product)
+        out.axpy(1.0, product)
 
     def expand(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Turn z = y into all coordinates and multipliers, in place; r is the residual of the last
@@ -553,8 +634,12 @@ class CondensedConstraints:
         # z = R y + G s, without multipliers.
         z.array[own] += self._own_E @ self._gather(z)[0]
         z.array[own] += self._shift[self._changed_near]
-        # λ = Hᵀ (r - A z).
+        # λ = Hᵀ (r - A z), where A has the couplings of contact.
         residual = r.array_r[own] - self._own_A @ self._gather(z)[0]
+        if self.tangent.is_coupled:
+            self._work.zeroEntries()
+            self.tangent.add_couplings(z, self._work)
+            residual -= self._work.array_r[own]
         self._gather.add(self._own_H.T @ residual, z)
 
 
@@ -607,14 +692,15 @@ class CondensedSolver:
         pc = self._krylov.getPC()
         pc.setType("python")
         pc.setPythonContext(context)
-        self._complete: PETSc.PC | None = None  # a factorisation of A, in hard steps
+        self._complete: PETSc.PC = None  # a factorisation of A, in hard steps
         # Diagonal^(-1/2).
         self._scale = K.createVecLeft()
         self._work = K.createVecLeft()
 
     def multiply(self, y: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Set out = D^(-1/2) K y, with the diagonal D of K."""
+        """Set out = D^(-1/2) (K + Lᵀ C R) y, with the diagonal D of K and couplings C."""
         self._condensed.K.mult(y, out)
+        self._condensed.add_couplings(y, out)
         out.pointwiseMult(out, self._scale)
 
     def precondition(self, r: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -653,18 +739,40 @@ class CondensedSolver:
             self._condensed.expand(r, z)
 
     def _factorise(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Solve (1) by a factorisation.  Collective."""
+        """Solve (1) by a factorisation, with scaled rows and columns only where it is not accurate
+        without.  Collective."""
+        A = self._condensed.tangent.whole()
+        if self._complete is not None and A.handle != self._complete.getOperators()[0].handle:
+            # Couplings of contact have changed the pattern.
+            self._complete.destroy()
+            self._complete = None
         if self._complete is None:
-            self._complete = PETSc.PC().create(z.comm)
-            factorisation.choose(self._complete)
-        self._complete.setOperators(ksp.getOperators()[0])
-        self._condensed.problem = factorisation.set_up(self._complete)
-        reason = KSP_REASON.DIVERGED_PCSETUP_FAILED
-        if not self._condensed.problem:
-            self._complete.apply(r, z)
-            reason = KSP_REASON.CONVERGED_ITS
+            self._complete = factorisation.new(A, is_scaled=False)
+        if not self._is_accurate(A, r, z):
+            self._complete.destroy()
+            self._complete = factorisation.new(A, is_scaled=True)
+            self._is_accurate(A, r, z)
+        reason = KSP_REASON.CONVERGED_ITS
+        if self._condensed.problem:
+            reason = KSP_REASON.DIVERGED_PCSETUP_FAILED
         ksp.setIterationNumber(ksp.getIterationNumber() + 1)
         ksp.setConvergedReason(reason)
+        if A.handle != self._condensed.tangent.A.handle:
+            # The preconditioner retains it; on several ranks PETSc would hold what Python drops.
+            A.destroy()
+
+    def _is_accurate(self, A: PETSc.Mat, r: PETSc.Vec, z: PETSc.Vec) -> bool:
+        """Set z to the solution of A z = r by the present factorisation; whether it is accurate.
+        Sets `problem`.  Collective."""
+        self._complete.setOperators(A)
+        self._condensed.problem = factorisation.set_up(self._complete)
+        if self._condensed.problem:
+            return False
+        self._complete.apply(r, z)
+        A.mult(z, self._work)
+        self._work.axpy(-1.0, r)
+        # Written so that NaN counts as inaccurate.
+        return bool(self._work.norm() <= MAX_RESIDUAL * r.norm())
 
 
 def for_constraints(
@@ -677,7 +785,8 @@ def for_constraints(
     """
     few = eliminated_unknowns(system)
     is_large = few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
-    if not system.active_sets and _has_films(system):
+    has_contact = bool(system.active_sets)
+    if (not has_contact or (few is None and is_alone)) and _has_films(system):
         frames = _free_frames(system)
         if is_large or not frames:
             condensation = Condensation(system, frames)

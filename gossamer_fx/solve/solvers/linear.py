@@ -227,7 +227,7 @@ class BorderedPreconditioner:
         if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
             factorisation.replace(self._sparse, tangent.for_factorisation())
         elif self._needs_couplings:
-            self._sparse.setOperators(tangent.for_preconditioner())
+            self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
         else:
             self._sparse.setOperators(tangent.A)
         self._sparse.setUp()
@@ -278,9 +278,9 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
     A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
     Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
-    without contact those of ties are condensed, and in large systems those of beams and rigid
-    bodies; few of others are eliminated (`condensed_constraints.for_constraints`), with many the
-    matrix is factorised, too.
+    those of ties are condensed, and in large systems those of beams and rigid bodies; few of others
+    are eliminated (`condensed_constraints.for_constraints`), with many the matrix is factorised,
+    too.
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
@@ -298,7 +298,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         from gossamer_fx.solve.solvers import condensed_constraints
 
         # Scalar unknowns need a separate preconditioner.
-        is_alone = ksp.getPC().handle == pc.handle
+        is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
         context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS, is_alone)
         if context is not None:
             _choose_gmres(ksp)

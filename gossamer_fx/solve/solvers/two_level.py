@@ -79,8 +79,8 @@ class TwoLevel:
         """Set up both levels for the present matrix; called by PETSc.  If an incomplete
         factorisation fails, PETSc is told so on all ranks, and the linear solve ends.  Collective.
         """
-        # `_A` is the matrix to be preconditioned.
-        self._A = pc.getOperators()[0]
+        # The matrix to be preconditioned, and the same without couplings of contact.
+        self._A, self._fixed = pc.getOperators()
         self._set_up_coarse_space()
         self._set_up_local_part()
         self._applications = 0
@@ -96,9 +96,8 @@ class TwoLevel:
         """Compute the coarse matrix, unless that of an earlier A of this step still serves."""
         step = self._system.time, self._system.h
         if step != self._step or self._applications > REUSE_COARSE_UP_TO:
-            # Without couplings of contact: the product needs the same pattern every time.
-            fixed = self._system.A if self._system.active_sets else self._A
-            self._coarse.set_up(fixed)
+            # The product needs the same pattern every time.
+            self._coarse.set_up(self._fixed)
         self._step = step
 
     def _set_up_local_part(self) -> None:

@@ -66,9 +66,18 @@ class Tangent:
             ]
         return self._matrices
 
+    @property
+    def is_coupled(self) -> bool:
+        """Whether there are couplings, the same on all ranks."""
+        return bool(self._blocks or self._couplings)
+
     def mult(self, z: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (A + Σ C) z."""
         self.A.mult(z, out)
+        self.add_couplings(z, out)
+
+    def add_couplings(self, z: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Add Σ C z to `out`."""
         for C in self._couplings:
             # Products instead of a sum, which would build a matrix in every iteration.
             C.multAdd(z, out, out)
@@ -94,17 +103,21 @@ class Tangent:
         return self._sum.set(self._blocks)
 
     def for_preconditioner(self) -> PETSc.Mat:
-        """The part of the tangent [N/m] that a preconditioner needs: A, and those couplings of
-        contact pairs that are strong compared with its diagonal, as a new matrix if there are any.
-        Collective."""
-        if not (self._blocks or self._couplings):
-            return self.A
-        self._diagonal = self.A.getDiagonal(self._diagonal)
-        strong = [C for pairs in self._active_sets for C in pairs.coupling_matrices(self._diagonal)]
+        """The part of the tangent [N/m] that a preconditioner needs: A and the strong couplings, as
+        a new matrix if there are any.  Collective."""
+        strong = self.strong_couplings()
         total = self._sum_with(strong)
         for C in strong:
             C.destroy()
         return total
+
+    def strong_couplings(self) -> list[PETSc.Mat]:
+        """Those couplings [N/m] of contact pairs that are strong compared with the diagonal of A,
+        as new matrices, which the caller destroys.  Collective."""
+        if not self.is_coupled:
+            return []
+        self._diagonal = self.A.getDiagonal(self._diagonal)
+        return [C for pairs in self._active_sets for C in pairs.coupling_matrices(self._diagonal)]
 
     def _sum_with(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
         """The sum of A and coupling matrices of contact pairs as one new matrix; A itself if
