@@ -51,7 +51,7 @@ def environment_with_wheels() -> Path:
     Raises:
         SystemExit: pip cannot install them.
     """
-    names = ("dependencies", "light", "orbit", "pictures", "progress", "test")
+    names = ("dependencies", "light", "orbit", "patterns", "pictures", "test")
     packages = [package for name in names for package in extra(name)]
     home = CACHE / f"wheels-{_digest(packages)}"
     if not (home / "complete").exists():
