@@ -12,7 +12,12 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.block_entries import block_assembly
 from gossamer_fx.core.algebra.numbering import Numbering
-from gossamer_fx.core.forms.backend import add_to_matrix, add_to_vector, cell_integral
+from gossamer_fx.core.forms.backend import (
+    add_to_matrix,
+    add_to_vector,
+    cell_integral,
+    interpolation_points,
+)
 from gossamer_fx.core.forms.cell_loops import assembly, tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.model.body import Block
@@ -77,7 +82,7 @@ def test_values_at_points_are_those_of_the_function(comm) -> None:
     domain = mesh.create_unit_square(comm, 3, 4)
     quadrature = basix.ufl.quadrature_element("triangle", value_shape=(2,), degree=3)
     at_points = fem.Function(fem.functionspace(domain, quadrature))
-    points = at_points.function_space.element.interpolation_points()
+    points = interpolation_points(at_points.function_space)
     x = ufl.SpatialCoordinate(domain)
     c = constant(domain, 2.0)
     fill = tabulation(
