@@ -16,6 +16,7 @@ from gossamer_fx.core.forms.backend import (
     add_to_matrix,
     add_to_vector,
     cell_integral,
+    distribute,
     interpolation_points,
 )
 from gossamer_fx.core.forms.cell_loops import assembly, tabulation
@@ -31,8 +32,8 @@ SIZES = [(3, None), (9, None), (9, 3)]
 class Problem:
     """A function with `size` components of order 2, and a constant."""
 
-    def __init__(self, comm: MPI.Intracomm, size: int) -> None:
-        self.domain = mesh.create_unit_square(comm, 3, 4)
+    def __init__(self, comm: MPI.Intracomm, size: int, domain: mesh.Mesh | None = None) -> None:
+        self.domain = domain or mesh.create_unit_square(comm, 3, 4)
         element = basix.ufl.element("Lagrange", "triangle", 2, shape=(size,))
         self.space = fem.functionspace(self.domain, element)
         self.u = fem.Function(self.space)
@@ -101,7 +102,21 @@ def test_values_at_points_are_those_of_the_function(comm) -> None:
 
 @pytest.mark.parametrize(("size", "neighbour"), SIZES)
 def test_tangents_are_those_of_dolfinx(comm, size: int, neighbour: int | None) -> None:
-    problem = Problem(comm, size)
+    assert_tangents_agree(comm, Problem(comm, size), size, neighbour)
+
+
+def test_a_rank_may_have_no_cells(comm) -> None:
+    """One triangle, of which only one rank has cells and nodes."""
+    cells = np.array([[0, 1, 2]] if comm.rank == 0 else np.zeros((0, 3)), dtype=np.int64)
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])[: 3 * len(cells)]
+    triangle = distribute(comm, cells, corners, "triangle", order=1, sheets=1)
+    assert_tangents_agree(comm, Problem(comm, 3, triangle), 3, None)
+
+
+def assert_tangents_agree(
+    comm: MPI.Intracomm, problem: Problem, size: int, neighbour: int | None
+) -> None:
+    """The entries of `block_assembly` are those of dolfinx, also after a constant changes."""
     form = compile_form(problem.tangent)
     index_map = problem.space.dofmap.index_map
     blocks = [Block(index_map, size)]

@@ -41,8 +41,9 @@ def block_assembly(
     size = A.getBlockSize()
     # A node may have several blocks.
     blocks = (unknowns[::size] // size).reshape(-1, form.function_spaces[0].dofmap.bs // size)
-    rows = np.ascontiguousarray(blocks[nodes].reshape(len(nodes), -1), dtype=np.int32)
-    k = rows.shape[1]
+    # Not -1, which says nothing on a rank without cells.
+    k = nodes.shape[1] * blocks.shape[1]
+    rows = np.ascontiguousarray(blocks[nodes].reshape(len(nodes), k), dtype=np.int32)
     own = A.getDiagonalBlock()
     positions = _positions(own, rows - A.getOwnershipRange()[0] // size)
     values = stored_blocks(own)

@@ -63,6 +63,7 @@ __all__ = [
     "distribute",
     "evaluate",
     "facets_of",
+    "geometry_nodes",
     "gmsh_order",
     "interpolation_points",
     "loaded_kernel",
@@ -230,15 +231,27 @@ def values_and_rows(function: Any) -> tuple[Array, Indices]:
     return function.x.array.reshape(-1, dofmap.bs), dofmap.map()
 
 
+def geometry_nodes(mesh: Any) -> Indices:
+    """Rows (cells, k) in `geometry.x` of the nodes of each local cell of a mesh, of Python or of
+    dolfinx's C++ library."""
+    geometry = mesh.geometry
+    # The C++ library of 0.11 has a list, one entry for each kind of cells.
+    found = geometry.dofmap if hasattr(geometry, "dofmap") else geometry.dofmaps[0]
+    return np.asarray(found)
+
+
 def cell_integral(form: fem.Form) -> tuple[Any, Indices] | None:
     """The compiled integral of a form that is one over owned cells, and their local numbers; None:
     it is not."""
     kind = fem.IntegralType.cell
-    numbers = form._cpp_object.integral_ids(kind)
-    if form.integral_types != {kind} or len(numbers) != 1:
+    compiled = form.ufcx_form
+    # Integrals over cells come first, up to this number.
+    if form.integral_types != {kind} or compiled.form_integral_offsets[1] != 1:
         return None
-    cells = np.asarray(form._cpp_object.domains(kind, numbers[0]), dtype=np.int32)
-    return form.ufcx_form.form_integrals[0], cells
+    # Since 0.10 cells are found by the number of the integral, not of the sub-domain.
+    number = compiled.form_integral_ids[0] if VERSION < (0, 10) else 0
+    cells = np.asarray(form._cpp_object.domains(kind, number), dtype=np.int32)
+    return compiled.form_integrals[0], cells
 
 
 def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:

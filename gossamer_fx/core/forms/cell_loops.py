@@ -26,6 +26,7 @@ from gossamer_fx.core.forms.backend import (
     Indices,
     add_to_vector,
     cell_integral,
+    geometry_nodes,
     pack_constants,
     values_and_rows,
 )
@@ -123,7 +124,7 @@ class Cells:
         if np.array_equal(numbers, np.arange(len(numbers))):
             # Rows of the first cells need no copy.
             self.numbers = slice(len(numbers))
-        corners = CellValues(mesh.geometry.x, mesh.geometry.dofmap[self.numbers])
+        corners = CellValues(mesh.geometry.x, geometry_nodes(mesh)[self.numbers])
         self.fields = {
             "count": len(numbers),
             "corners": corners.fields(self.library),

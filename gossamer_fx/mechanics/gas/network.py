@@ -291,7 +291,7 @@ class GasNetwork(ScalarUnknowns):
         """Return the solution y of the gas balance at the volumes of the iterate, or the proposed y
         itself if it or the volumes are not finite, a volume is not positive, or no solution is
         found."""
-        # A sum is finite if all of its terms are; a volume that is NaN is not positive.
+        # A sum is finite only if all of its terms are; a volume that is NaN is not positive.
         total = y.sum() + self.volumes.sum() + self.swept.sum()
         if not (math.isfinite(total) and self.volumes.min() > 0):
             return y

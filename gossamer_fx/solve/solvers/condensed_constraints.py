@@ -533,11 +533,12 @@ class CondensedConstraints:
         R.setSizes(self.K.getSizes())
         R.setBlockSize(self.K.getBlockSize())
         R.setUp()
-        R.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        # Before the diagonal, with which PETSc assembles R: to add a row later is to copy R.
+        self._add(R, own_E, self._rows[self._changed_rows])
         ones = self.K.createVecLeft()
         ones.set(1.0)
         R.setDiagonal(ones, addv=PETSc.InsertMode.ADD_VALUES)
-        self._add(R, own_E, self._rows[self._changed_rows])
+        ones.destroy()
         R.assemble()
         return R
 

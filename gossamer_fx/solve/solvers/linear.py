@@ -50,8 +50,8 @@ from gossamer_fx.solve.system.tangent import Tangent
 # Unknowns up to which a factorisation costs less than preconditioned GMRES.
 MAX_UNKNOWNS_DIRECT = 3000
 
-# The same with contact: the pattern of the matrix changes from step to step, so that each
-# factorisation has to order the unknowns again, and couplings of contact increase the fill.
+# The same with contact: new pairs change the pattern of the matrix, whose unknowns are then ordered
+# again, on several ranks for each factorisation, and couplings of contact increase the fill.
 MAX_UNKNOWNS_DIRECT_WITH_CONTACT = 900
 
 # Applications in a solve above which the preconditioner includes the strong couplings of contact
