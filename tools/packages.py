@@ -14,6 +14,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gossamer_fx"
 PIP = (sys.executable, "-m", "pip")
+# Extras that the tests with dolfinx from PyPI need.
+EXTRAS_OF_TESTS = ("dependencies", "light", "orbit", "patterns", "pictures", "test")
 QUIETLY = ("--quiet", "--disable-pip-version-check", "--root-user-action=ignore")
 
 
@@ -51,8 +53,7 @@ def environment_with_wheels() -> Path:
     Raises:
         SystemExit: pip cannot install them.
     """
-    names = ("dependencies", "light", "orbit", "patterns", "pictures", "test")
-    packages = [package for name in names for package in extra(name)]
+    packages = [package for name in EXTRAS_OF_TESTS for package in extra(name)]
     home = CACHE / f"wheels-{_digest(packages)}"
     if not (home / "complete").exists():
         print(f"gossamer: installing dolfinx 0.11 into {home} (0.7 GB).", file=sys.stderr)

@@ -127,3 +127,12 @@ def test_kernels_that_others_may_write_are_refused(kernel: Path, what: str) -> N
     # A folder that others cannot enter is safe, whatever the mode of its files.
     kernel.parent.chmod(0o700)
     assert compilation.private_cache() == kernel.parent
+
+
+def test_a_file_that_another_process_removes_meanwhile_is_no_matter(
+    kernel: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compilers of other processes make temporary files in the folder of kernels."""
+    vanished = kernel.with_name("temporary.o")
+    monkeypatch.setattr(Path, "iterdir", lambda folder: iter([vanished, kernel]))
+    assert compilation.private_cache() == kernel.parent

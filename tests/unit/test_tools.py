@@ -153,6 +153,8 @@ def test_packages_are_those_of_the_project(tool) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert packages.extra("dependencies") == project["dependencies"]
     assert packages.extra("lint") == project["optional-dependencies"]["lint"]
+    for name in packages.EXTRAS_OF_TESTS:
+        assert packages.extra(name)
 
 
 def test_packages_that_cannot_be_installed_are_named(

@@ -316,7 +316,10 @@ def _require_private(folder: Path) -> None:
     # Files in a folder that others cannot enter are safe whatever their mode.
     is_open = bool(folder.stat().st_mode & (stat.S_IXGRP | stat.S_IXOTH))
     for path in (folder, *folder.iterdir()):
-        about = path.lstat()
+        try:
+            about = path.lstat()
+        except FileNotFoundError:
+            continue  # a temporary file of another process, which has just removed it
         is_others = about.st_uid not in (os.getuid(), 0)
         may_be_written = is_open and bool(about.st_mode & writable_by_others)
         check(
