@@ -1,10 +1,10 @@
 """Bilinear forms in the stored blocks of a PETSc matrix whose pattern does not change.
 
-Problem.  PETSc searches the place of each block of a cell in its row, in every assembly anew.
+Problem.  PETSc searches the position of each block of a cell in its row, in every assembly again.
 
-Idea.  The places are found once.  The loop of `cells.c` computes the matrix of a cell and adds its
-blocks there.  Cells at the boundary of a rank's part have nodes of other ranks; theirs are entered
-by PETSc.
+Idea.  The positions are found once.  The loop of `cells.c` computes the matrix of a cell and adds
+its blocks there.  Cells at the boundary of a rank's part have nodes of other ranks; theirs are
+entered by PETSc.
 """
 
 from __future__ import annotations

@@ -419,7 +419,7 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
 
 
 class FixedBlocks:
-    """Blocks of three rows and columns at fixed places of a matrix, entered in one call."""
+    """Blocks of three rows and columns at fixed positions of a matrix, entered in one call."""
 
     def __init__(self, numbering: Numbering, rows: GlobalIndices, columns: GlobalIndices) -> None:
         """`rows` and `columns` (b,) are the global indices at which the blocks begin, in ascending

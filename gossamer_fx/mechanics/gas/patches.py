@@ -16,8 +16,9 @@ Algorithm.  In every iteration:
 1. One call of C for all strips, and two for the triangles of a film at one chamber, give (1) at q̄
    and at q1.  Each is evaluated on one rank; shares of nodes that other ranks own are sent to them.
 2. Products with positions, summed over ranks, give (2) and (3).
-3. As many calls give the derivative of the forces of all pressures, one block of numbers for each
-   pair of nodes, and one call of PETSc enters the blocks in the tangent.
+3. One call for all strips, and one for the triangles of a film at one chamber, give the derivative
+   of the forces of all pressures, one block of numbers for each pair of nodes.  One call of PETSc
+   enters the blocks in the tangent.
 
 Cost: proportional to the number of triangles and strips.
 """

@@ -14,7 +14,7 @@ from gossamer_fx.mechanics.terms.assembly import ActiveSet, CouplingBlocks
 
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
-# Integers of blocks: their keys, places, rows or columns.
+# Integers of blocks: their keys, positions, rows or columns.
 Keys = npt.NDArray[np.int64]
 
 # A pattern that lacks a coupling is made again.  It keeps the couplings of iterations before while
@@ -158,7 +158,7 @@ class BlockSum:
         if not _are_among(all_keys, self._keys).all():
             self._make(all_keys)
         # Without `mode` NumPy would fill a copy of the array first.
-        np.take(self._values_of_A, self._places_in_A, axis=0, out=self._values, mode="clip")
+        np.take(self._values_of_A, self._positions_in_A, axis=0, out=self._values, mode="clip")
         self._values[self._added] = 0
         for blocks, some in zip(couplings, keys, strict=True):
             self._values[np.searchsorted(self._keys, some)] += blocks.values[:, BY_COLUMNS]
@@ -173,8 +173,8 @@ class BlockSum:
             self._added_keys = needed
         self._keys = np.sort(np.concatenate([self._keys_of_A, self._added_keys]), kind="stable")
         self._added = np.searchsorted(self._keys, self._added_keys)
-        # For blocks that A has not: the place of another one.
-        self._places_in_A = np.searchsorted(self._keys_of_A, self._keys)
+        # For blocks that A has not: the position of another one.
+        self._positions_in_A = np.searchsorted(self._keys_of_A, self._keys)
         rows, columns = np.divmod(self._keys, self._row_count)
         zeros = np.zeros((len(rows), 9))
         self._matrix = _block_matrix(rows, columns, zeros, self._row_count)
