@@ -158,8 +158,11 @@ def solution(pc: PETSc.PC, right: np.ndarray) -> np.ndarray:
     return found
 
 
-def test_blocks_are_factorised_whether_or_not_they_need_pivots():
+@pytest.mark.parametrize("has_suitesparse", [True, False])
+def test_blocks_are_factorised_whether_or_not_they_need_pivots(monkeypatch, has_suitesparse):
     """Without pivoting the second matrix has no factors: its diagonal blocks are zero."""
+    if not has_suitesparse:
+        monkeypatch.setattr(factorisation, "_minimum_degree", lambda: "qmd")
     random = np.random.default_rng(3)
     definite = random.normal(size=(12, 12)) + 12 * np.eye(12)
     saddle = random.normal(size=(12, 12))

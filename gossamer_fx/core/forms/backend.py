@@ -235,9 +235,8 @@ def geometry_nodes(mesh: Any) -> Indices:
     """Rows (cells, k) in `geometry.x` of the nodes of each local cell of a mesh, of Python or of
     dolfinx's C++ library."""
     geometry = mesh.geometry
-    # The C++ library of 0.11 has a list, one entry for each kind of cells.
-    found = geometry.dofmap if hasattr(geometry, "dofmap") else geometry.dofmaps[0]
-    return np.asarray(found)
+    # 0.11 has a list, one entry for each kind of cells.
+    return np.asarray(geometry.dofmap if VERSION < (0, 11) else geometry.dofmaps[0])
 
 
 def cell_integral(form: fem.Form) -> tuple[Any, Indices] | None:
