@@ -258,11 +258,16 @@ def set_up(pc: PETSc.PC) -> str:
     # The attribute is asked first: PETSc 3.25 fails if there are no factors yet.
     if pc.getAttr("factorised") and failure(pc) < 0:
         renew(pc)
+    _factorise(pc)
+    while failure(pc) < 0 and enlarge(pc):
+        _factorise(pc)
+    return reason(pc)
+
+
+def _factorise(pc: PETSc.PC) -> None:
+    """Factorise once, and note that there are factors."""
     pc.setUp()
     pc.setAttr("factorised", True)
-    while failure(pc) < 0 and enlarge(pc):
-        pc.setUp()
-    return reason(pc)
 
 
 def enlarge(pc: PETSc.PC) -> bool:
@@ -283,6 +288,7 @@ def renew(pc: PETSc.PC, margin: int = 0) -> None:
     operators = pc.getOperators()
     margin = margin or pc.getFactorMatrix().getMumpsIcntl(ICNTL_WORKSPACE_MARGIN)
     pc.reset()
+    pc.setAttr("factorised", False)
     pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)
     pc.setOperators(*operators)
     pc.setFactorSetUpSolverType()
