@@ -171,7 +171,7 @@ def test_a_singular_elimination_is_followed_by_factorisations(comm, monkeypatch,
     monkeypatch.setattr(EliminatedJoints, "_take_rows", take_zeros)
     run.run(until=2e-3)
     assert context._is_complete
-    # dolfinx 0.11 warns of its own old names.
+    # dolfinx 0.11 warns about its old names.
     assert not [one for one in recwarn if one.category is not DeprecationWarning]
     assert abs(run.energy_error) < 1e-11 * run.totals.energy
 

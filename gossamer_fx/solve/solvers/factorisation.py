@@ -192,8 +192,8 @@ class BlockFactors:
 
 @cache
 def _minimum_degree() -> str:
-    """PETSc's name of approximate minimum degree, which it takes from SuiteSparse, or without that
-    of its own minimum degree, which takes longer."""
+    """PETSc's name of the order of minimum degree: approximate, which it takes from SuiteSparse, or
+    exact, which takes longer."""
     matrix = PETSc.Mat().createAIJ((1, 1), csr=([0, 1], [0], [1.0]), comm=PETSc.COMM_SELF)
     try:
         matrix.getOrdering("amd")

@@ -140,7 +140,7 @@ class BlockSum:
     """
 
     def __init__(self, A: PETSc.Mat) -> None:
-        """Take A, which is assembled and keeps its pattern."""
+        """Take A, which is assembled and whose pattern does not change."""
         self._row_count = A.getSize()[0] // 3
         ends, columns = A.getRowIJ(compressed=True)
         rows = np.repeat(np.arange(self._row_count), np.diff(ends))
