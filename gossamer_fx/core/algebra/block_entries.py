@@ -75,8 +75,8 @@ def stored_blocks(matrix: PETSc.Mat) -> Array:
     columns, each block column by column.
 
     petsc4py does not offer them.  The array is the memory of the matrix, valid while the matrix
-    exists and has the same pattern.  After a change call `stateIncrease` of the matrix, or solvers use
-    what they made of the old values.
+    exists and has the same pattern.  After a change call `stateIncrease` of the matrix, or solvers
+    use what they made of the old values.
     """
     address = ctypes.c_void_p()
     error = PETSC.MatSeqBAIJGetArray(ctypes.c_void_p(matrix.handle), ctypes.byref(address))
