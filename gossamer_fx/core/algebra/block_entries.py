@@ -89,14 +89,21 @@ def stored_blocks(matrix: PETSc.Mat) -> Array:
     return np.frombuffer((ctypes.c_double * count).from_address(address.value)).reshape(-1, size)
 
 
+def block_keys(matrix: PETSc.Mat) -> npt.NDArray[np.int64]:
+    """Keys (k,) of the stored blocks of an assembled square matrix on one rank: block row times the
+    number of block rows, plus block column.  They rise, as PETSc sorts the columns of a row."""
+    starts, columns = matrix.getRowIJ(compressed=True)
+    count = len(starts) - 1
+    of_row = np.repeat(np.arange(count, dtype=np.int64), np.diff(starts))
+    keys: npt.NDArray[np.int64] = of_row * count + columns
+    return keys
+
+
 def _positions(own: PETSc.Mat, rows: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
     """Positions (cells, k, k) of the blocks of cells with nodes (cells, k), by their local numbers,
     among the stored blocks of a matrix; -1 in cells that have another node."""
-    starts, columns = own.getRowIJ(compressed=True)
-    count = len(starts) - 1
-    of_row = np.repeat(np.arange(count, dtype=np.int64), np.diff(starts))
-    # PETSc sorts the columns of a row, so that these numbers rise.
-    stored = of_row * count + columns
+    stored = block_keys(own)
+    count = own.getSize()[0] // own.getBlockSize()
     is_own = ((rows >= 0) & (rows < count)).all(axis=1)
     wanted = rows[is_own].astype(np.int64)
     pairs = wanted[:, :, None] * count + wanted[:, None, :]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.core.algebra.block_entries import stored_blocks
+from gossamer_fx.core.algebra.block_entries import block_keys, stored_blocks
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.assembly import ActiveSet, CouplingBlocks
 
@@ -135,16 +135,14 @@ class Tangent:
 class BlockSum:
     """A matrix of 3 x 3 blocks on one rank, and couplings, summed in one matrix of both patterns.
 
-    A block is named by its key, its row times the number of block rows, plus its column; keys in
-    ascending order are those of the matrix's values.
+    Blocks are named by their keys (`block_keys`), which in ascending order are those of the
+    matrix's values.
     """
 
     def __init__(self, A: PETSc.Mat) -> None:
         """Take A, which is assembled and whose pattern does not change."""
         self._row_count = A.getSize()[0] // 3
-        ends, columns = A.getRowIJ(compressed=True)
-        rows = np.repeat(np.arange(self._row_count), np.diff(ends))
-        self._keys_of_A = rows * self._row_count + columns
+        self._keys_of_A = block_keys(A)
         self._values_of_A = stored_blocks(A)
         # Keys of the matrix, of which there is none yet, and of its blocks that A has not.
         self._keys: Keys = np.zeros(0, dtype=np.int64)
