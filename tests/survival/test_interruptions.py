@@ -46,7 +46,7 @@ def command(
 def test_before_the_run(tmp_path: Path, phase: str, ranks: int, words: str) -> None:
     said = command(tmp_path / "run", phase, "--ranks", str(ranks))
     assert said.returncode == 128 + signal.SIGINT, said.stderr
-    assert said.stderr.count("\n") == 1 and words in said.stderr
+    assert said.stderr.count("\n") == 1 and words in said.stderr, said.stderr
     assert not (tmp_path / "run").exists()
 
 

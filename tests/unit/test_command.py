@@ -94,6 +94,11 @@ def test_a_line_about_a_rank_that_has_ended_is_removed(line: bytes) -> None:
     sentence = b"gossamer: The mesh is damaged.\n"
     assert filtered(sentence + line, 10**6) == sentence
     assert filtered(line, 10**6) == line
+    # written by another process between the lines of a message
+    lines = EXIT_CODE.splitlines(keepends=True)
+    for place in range(len(lines)):
+        parts = [sentence, *lines[:place], line, *lines[place:]]
+        assert filtered(b"".join(parts), 10**6) == sentence
 
 
 @pytest.mark.parametrize("size", [1, 76, 10**6])

@@ -71,7 +71,10 @@ class MessageFilter:
     def feed(self, data: bytes) -> None:
         """Take more output; what cannot be part of a message is passed on at once."""
         # Open MPI 5 ends the last of its messages with a zero byte
-        self._waiting += data.replace(b"\0", b"")
+        waiting = self._waiting + data.replace(b"\0", b"")
+        # first, as another process may write its line in the middle of a message
+        self._removed += b"".join(LINES.findall(waiting))
+        self._waiting = LINES.sub(b"", waiting)
         while self._advance():
             pass
 
@@ -122,10 +125,8 @@ class MessageFilter:
         self._waiting = self._waiting[length:]
 
     def _take(self, length: int) -> None:
-        """Pass on the first bytes that wait, without the messages of one line."""
-        taken = self._waiting[:length]
-        self._removed += b"".join(LINES.findall(taken))
-        self._pass_on(LINES.sub(b"", taken))
+        """Pass on the first bytes that wait."""
+        self._pass_on(self._waiting[:length])
         self._waiting = self._waiting[length:]
 
     def _pass_on(self, data: bytes) -> None:
