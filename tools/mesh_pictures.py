@@ -18,6 +18,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 import gossamer_fx as gx
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.mesh.quality import area_vectors
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.arc_polygon import arc_polygon
@@ -60,7 +61,7 @@ def draw(axes: Axes3D, mesh: gx.Mesh, title: str) -> None:
     dots."""
     vertices = mesh.domain.geometry.x
     nodes = _geometry_nodes(mesh)
-    corners = vertices[mesh.domain.geometry.dofmap]
+    corners = vertices[geometry_nodes(mesh.domain)]
     colours = np.full(len(corners), SURFACE_COLOURS[0], dtype=object)
     surfaces = [name for name, (dim, _) in mesh.groups.items() if dim == 2 and name != "film"]
     for k, name in enumerate(surfaces):
@@ -109,7 +110,7 @@ def _faces(mesh: gx.Mesh, elevation: float, azimuth: float) -> npt.NDArray[np.bo
     vertices = mesh.domain.geometry.x
     if (mesh.edges.count == 1).any() or _is_flat(mesh):
         return np.ones(len(vertices), dtype=bool)
-    cells = mesh.domain.geometry.dofmap
+    cells = geometry_nodes(mesh.domain)
     normals = np.zeros_like(vertices)
     for k in range(3):
         np.add.at(normals, cells[:, k], area_vectors(vertices[cells]))
@@ -124,7 +125,7 @@ def _geometry_nodes(mesh: gx.Mesh) -> npt.NDArray[np.int64]:
     topology.create_connectivity(1, 0)
     cells = topology.connectivity(2, 0).array.reshape(-1, 3)
     nodes = np.zeros(topology.index_map(0).size_local, dtype=np.int64)
-    nodes[cells] = mesh.domain.geometry.dofmap[:, :3]
+    nodes[cells] = geometry_nodes(mesh.domain)[:, :3]
     return nodes
 
 

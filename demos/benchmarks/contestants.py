@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -138,18 +139,21 @@ def message_counter() -> Path:
     """The library of `count_messages.c`, compiled in the user's cache for the MPI of `mpicc`.
 
     Raises:
-        Failed: there is no `mpicc`, or it does not compile.
+        Failed: there is no `mpicc`, or it does not compile, as that of another MPI than Open MPI.
     """
+    compiler = shutil.which("mpicc")
+    if compiler is None:
+        raise Failed("mpicc is missing")
     source = HERE / "count_messages.c"
-    library = CACHE / f"count_messages-{zlib.crc32(source.read_bytes()):08x}.so"
+    # A machine may have several MPIs.
+    digest = zlib.crc32(source.read_bytes() + compiler.encode())
+    library = CACHE / f"count_messages-{digest:08x}.so"
     if not library.exists():
         library.parent.mkdir(parents=True, exist_ok=True)
-        # Fortran's part of MPI is named, as C does not link it by itself.
-        command = ["mpicc", "-shared", "-fPIC", "-O2", "-o", library, source, "-lmpi_mpifh"]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True)
-        except FileNotFoundError as why:
-            raise Failed(f"mpicc is missing: {why}") from None
+        # Fortran's part of Open MPI is named, as C does not link it by itself.  That of MPICH hands
+        # its calls to C's, which would be counted twice.
+        command = [compiler, "-shared", "-fPIC", "-O2", "-o", library, source, "-lmpi_mpifh"]
+        done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise Failed(f"cannot be compiled: {_last_words(done)}")
     return library

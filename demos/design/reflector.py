@@ -48,6 +48,7 @@ from numpy.polynomial import Legendre
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.presets.films import KAPTON_HN
@@ -158,7 +159,7 @@ def changes(film: gx.Membrane, polynomials: int) -> Array:
     """
     points = film.mesh.domain.geometry.x
     nodes = np.zeros(film.block.index_map.size_local + film.block.index_map.num_ghosts, dtype=int)
-    nodes[film.space.dofmap.list.ravel()] = film.mesh.domain.geometry.dofmap.ravel()
+    nodes[film.space.dofmap.list.ravel()] = geometry_nodes(film.mesh.domain).ravel()
     own = points[nodes[: film.block.index_map.size_local]]
     ratio = np.hypot(own[:, 0], own[:, 1]) / RADIUS
     columns = []

@@ -26,6 +26,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import new_figure, save
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.forms.kinematics import half_trace_and_radius
 from gossamer_fx.core.model.body import Array
 from meshes.sheet import CORNERS, crossed_sheet
@@ -122,6 +123,7 @@ def draw(film: gx.Membrane, before: Array, after: Array, thickness: Array, path:
     geometry = film.mesh.domain.geometry
     x = geometry.x[:, 0]
     y = geometry.x[:, 1]
+    cells = geometry_nodes(film.mesh.domain)
     figure = new_figure(11.0, 3.6)
     panels = (
         ("compressive strain, even thickness [1e-3]", 1e3 * before, 1e3 * before.max()),
@@ -129,7 +131,7 @@ def draw(film: gx.Membrane, before: Array, after: Array, thickness: Array, path:
         ("thickness [µm]", 1e6 * thickness, 1e6 * thickness.max()),
     )
     for axes, (title, values, largest) in zip(figure.subplots(1, 3), panels, strict=True):
-        drawn = axes.tripcolor(x, y, geometry.dofmap, facecolors=values, vmin=0, vmax=largest)
+        drawn = axes.tripcolor(x, y, cells, facecolors=values, vmin=0, vmax=largest)
         figure.colorbar(drawn, ax=axes)
         axes.set_title(title, fontsize=9)
         axes.set_aspect("equal")

@@ -20,6 +20,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import draw_film, new_figure, save
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 
@@ -63,7 +64,7 @@ def main(
     cable = np.concatenate(comm.allgather(points[owned_nodes]))
     radius = radius_of_arc(cable[cable[:, 0].argsort()])
     if output is not None and comm.size == 1:
-        draw(points, film.space.mesh.geometry.dofmap, Path(output) / "four_corner_film.png")
+        draw(points, geometry_nodes(film.space.mesh), Path(output) / "four_corner_film.png")
     return {
         "radius of a cable [m]": radius,
         "force/tension [m]": force / TENSION,

@@ -11,6 +11,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.films.spinning_sheet import throw
 from demos.inflatables.inflate_tube import FILM, NITROGEN
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
@@ -41,7 +42,7 @@ def positions_by_node(run: gx.Simulation) -> dict[int, np.ndarray]:
     owned = film.block.index_map.size_local
     number = np.zeros(owned + film.block.index_map.num_ghosts, dtype=np.int64)
     number[film.space.dofmap.list.ravel()] = domain.geometry.input_global_indices[
-        domain.geometry.dofmap.ravel()
+        geometry_nodes(domain).ravel()
     ]
     return dict(
         zip(number[:owned].tolist(), run.system.q0.array_r.reshape(-1, 3)[:owned], strict=True)

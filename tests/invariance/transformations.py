@@ -19,6 +19,7 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.line import line
 
@@ -168,7 +169,7 @@ class Patch:
                 domain.topology.create_connectivity(dim, 2)
                 nodes = entities_to_geometry(domain, dim, entities).astype(np.int64)
                 groups[name] = nodes if dim else nodes.ravel()
-        triangles = domain.geometry.dofmap.astype(np.int64)
+        triangles = geometry_nodes(domain).astype(np.int64)
         return cls(domain.geometry.x.copy(), triangles, groups)
 
     def placed(self, moved: Callable[[Array], Array]) -> Patch:

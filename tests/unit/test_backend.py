@@ -25,6 +25,9 @@ SEAM = Path(backend.__file__)
 NAMES = {
     "create_mesh",
     "create_cell_partitioner",
+    "cmap",
+    "cmaps",
+    "dofmaps",
     "interpolation_points",
     "cell_perm_array",
     "pack_constants",
@@ -43,6 +46,9 @@ def test_only_the_seam_knows_the_version(path: Path) -> None:
         if isinstance(node, ast.Attribute):
             assert node.attr not in NAMES, (
                 f"line {node.lineno}: take {node.attr} from forms/backend.py"
+            )
+            assert not (node.attr == "dofmap" and _is_of_geometry(node)), (
+                f"line {node.lineno}: use backend.geometry_nodes"
             )
             assert not (node.attr == "eval" and _is_method(node)), (
                 f"line {node.lineno}: use backend.evaluate"
@@ -63,6 +69,11 @@ def _is_method(node: ast.Attribute) -> bool:
     return not (isinstance(node.value, ast.Name) and node.value.id in {"builtins", "ast"})
 
 
+def _is_of_geometry(node: ast.Attribute) -> bool:
+    """Not the `dofmap` of a space."""
+    return ast.unparse(node.value).endswith("geometry")
+
+
 def test_another_version_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dolfinx.__version__", "0.12.0")
     with pytest.raises(ImportError, match=r"0\.9, 0\.10 and 0\.11, and this is 0\.12\.0"):
@@ -75,7 +86,7 @@ def test_an_expression_is_evaluated_to_rows(comm: MPI.Comm) -> None:
     cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
     X = ufl.SpatialCoordinate(domain)
     points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    corners = domain.geometry.x[domain.geometry.dofmap[cells]]
+    corners = domain.geometry.x[backend.geometry_nodes(domain)[cells]]
     vector = compile_expression(constant(domain, 2.0) * X, points)
     assert np.allclose(backend.evaluate(vector, domain, cells), 2 * corners.reshape(len(cells), 9))
     scalar = compile_expression(constant(domain, 2.0) * X[0], points)

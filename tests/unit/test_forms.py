@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.forms import compilation as forms
-from gossamer_fx.core.forms.backend import evaluate
+from gossamer_fx.core.forms.backend import evaluate, geometry_nodes
 from gossamer_fx.meshes.sheet import sheet
 
 
@@ -183,7 +183,7 @@ def test_expressions_that_differ_in_one_detail_have_their_own_kernels():
             assert value_of(expression, domain) == pytest.approx(value, rel=1e-14), str(expression)
         # The points are part of a kernel, too, and the cell and the order of its geometry.
         for points in (MIDDLE, np.array([[0.0, 0.0]]), np.array([[0.0, 1.0], [0.5, 0.5]])):
-            corners = domain.geometry.x[domain.geometry.dofmap[0]]
+            corners = domain.geometry.x[geometry_nodes(domain)[0]]
             ξ, η = points[0]
             at = (1 - ξ - η) * corners[0] + ξ * corners[1] + η * corners[2]
             value = value_of(X[0] + 2 * X[1], domain, points)

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
 from gossamer_fx.core.algebra.dual_numbers import jacobian, variables
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.mesh.quality import area_vectors
 from gossamer_fx.mechanics.gas.balance import Balance
 from gossamer_fx.mechanics.gas.compiled_balance import CompiledBalance
@@ -242,8 +243,8 @@ def porous_sphere(comm, viscous=2e3, inertial=0.0, E=1e9, p=1.2e5, dt=2e-3, star
 
 def flat_area(run) -> float:
     """Area [m²] of the triangles of the only film of a scene on one rank, on the mesh."""
-    geometry = run.system.bodies[0].mesh.domain.geometry
-    corners = geometry.x[geometry.dofmap]
+    domain = run.system.bodies[0].mesh.domain
+    corners = domain.geometry.x[geometry_nodes(domain)]
     return float(np.linalg.norm(area_vectors(corners), axis=1).sum())
 
 

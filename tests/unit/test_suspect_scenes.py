@@ -15,6 +15,7 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import folded_in_plane
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleBoundary, ObstacleSolid
@@ -276,7 +277,7 @@ def test_parts_are_labelled_alike_on_all_ranks(comm) -> None:
     index_map = domain.topology.index_map(2)
     cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     labels = label_components(table, cells)
-    x = domain.geometry.x[domain.geometry.dofmap[:, :3]].mean(axis=1)[:, 0]
+    x = domain.geometry.x[geometry_nodes(domain)[:, :3]].mean(axis=1)[:, 0]
     of_first = comm.allgather(np.unique(labels[x < 1.5]).tolist())
     of_second = comm.allgather(np.unique(labels[x > 1.5]).tolist())
     first = {label for part in of_first for label in part}

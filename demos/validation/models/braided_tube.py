@@ -37,6 +37,7 @@ from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
@@ -524,7 +525,7 @@ def band_port(film: gx.Membrane) -> Port:
     shares = np.zeros(film.block.index_map.size_local + film.block.index_map.num_ghosts)
     own_cells = cells[cells < mesh.topology.index_map(2).size_local]
     for cell in own_cells:
-        corners = mesh.geometry.x[mesh.geometry.dofmap[cell]]
+        corners = mesh.geometry.x[geometry_nodes(mesh)[cell]]
         area = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0])) / 2
         shares[film.space.dofmap.cell_dofs(cell)[3:]] += area / 3
     # Ranks add their parts: a node that two of them share occurs twice.

@@ -24,6 +24,7 @@ from petsc4py import PETSc
 from ufl.algorithms.analysis import extract_constants
 
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
+from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
 from gossamer_fx.core.model.terms import Parameter
@@ -41,11 +42,11 @@ class MeshNodes:
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
-        degree = mesh.geometry.cmap.degree
+        degree = geometry_element(mesh).degree
         self.space = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
         # For each node of the space the row of the mesh's array of positions.
         self._row = np.zeros(self._count, dtype=np.int64)
-        self._row[self.space.dofmap.list.ravel()] = mesh.geometry.dofmap.ravel()
+        self._row[self.space.dofmap.list.ravel()] = geometry_nodes(mesh).ravel()
 
     @property
     def _count(self) -> int:

@@ -33,7 +33,7 @@ from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
-from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, combine
 from gossamer_fx.core.model.state import State
@@ -207,6 +207,6 @@ def _move_mesh(film: Membrane, search: Equilibrium) -> float:
     geometry = film.space.mesh.geometry
     before = geometry.x.copy()
     # The nodes of a film of order 1 are the points of its mesh, in another order.
-    geometry.x[geometry.dofmap.ravel()] = positions[cell_nodes(film.space).ravel()]
+    geometry.x[geometry_nodes(film.space.mesh).ravel()] = positions[cell_nodes(film.space).ravel()]
     largest = float(np.abs(geometry.x - before).max(initial=0.0))
     return float(film.comm.allreduce(largest, op=MPI.MAX))

@@ -23,6 +23,7 @@ from dolfinx import la
 
 from gossamer_fx.core.algebra import dihedral_angle
 from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.core.model.body import Array, Indices
@@ -133,7 +134,7 @@ def pressed_positions(folds: Map, mesh: Mesh) -> Array:
     step 1 of the module; `InputError`: a triangle is not folded without strain.  Collective."""
     _check_mesh(folds, mesh)
     X = mesh.domain.geometry.x
-    corners = mesh.domain.geometry.dofmap[:, :3]
+    corners = geometry_nodes(mesh.domain)[:, :3]
     shut = folds.pressed().place(X, np.zeros(len(X)))
     check_on_all(
         mesh.comm,
@@ -155,7 +156,7 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
     the extent of a fold map.  Collective."""
     domain = mesh.domain
     check(
-        domain.topology.dim == 2 and domain.geometry.cmap.degree == 1,
+        domain.topology.dim == 2 and geometry_element(domain).degree == 1,
         f"{folds.called}: the mesh has no plane triangles; "
         "mesh the flat film with triangles of order 1.",
     )
@@ -179,7 +180,7 @@ def _kinked_edges(folds: Map, mesh: Mesh, shut: Array, ajar: Array) -> tuple[Ind
     `shut` (n, 3) [m] are the vertices with all layers on each other, folds of ±π included, which
     give the size of each angle; `ajar` those with no fold at ±π, which give the sign.
     """
-    corners = mesh.domain.geometry.dofmap[:, :3]
+    corners = geometry_nodes(mesh.domain)[:, :3]
     table = mesh.edges
     is_inside = table.is_inside[: table.owned] & table.is_known[: table.owned]
     inside: Indices = np.flatnonzero(is_inside).astype(np.int32)

@@ -8,9 +8,10 @@
     `interpolation_points`     a method                  a property
     reader of gmsh files       `io.gmshio`               `io.gmsh`
     cells of a submesh         an array                  an `EntityMap`
+    UFL's derivatives          by a stack                by recursion
 
-The arguments of `create_mesh` are ordered points, element in 0.9 and 0.11, and element, points in
-0.10.
+In 0.11 a mesh has lists of `dofmaps` and `cmaps`, with an entry for each kind of cells.  The
+arguments of `create_mesh` are ordered points, element in 0.9 and 0.11, and element, points in 0.10.
 
 Assembly is here too, by functions of dolfinx's C++ library (`add_to_matrix`, `add_to_vector`).
 dolfinx's Python function for matrices chooses by itself whether it enters single numbers or the
@@ -20,6 +21,7 @@ for one of C++, in each iteration.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -63,6 +65,7 @@ __all__ = [
     "distribute",
     "evaluate",
     "facets_of",
+    "geometry_element",
     "geometry_nodes",
     "gmsh_order",
     "interpolation_points",
@@ -90,6 +93,11 @@ SHEETS_MAY_MEET = _LIMIT in signature(create_mesh).parameters
 
 # Whether compiled kernels have one more argument, a pointer to data of the caller.
 KERNELS_TAKE_DATA = VERSION >= (0, 10)
+
+if VERSION >= (0, 10):
+    # UFL calls itself several times at each level of an expression, and that of the film
+    # `Orthotropic` has 450.  The error beyond the limit prints expressions as trees: gigabytes.
+    sys.setrecursionlimit(max(sys.getrecursionlimit(), 20_000))
 
 
 def distribute(
@@ -150,7 +158,7 @@ def facets_of(curved: Mesh) -> Mesh:
     index_map = corners.dofmap.index_map
     count = index_map.size_local + index_map.num_ghosts
     original = np.zeros(count, dtype=np.int64)
-    nodes = curved.geometry.dofmap[:, : cells.shape[1]]
+    nodes = geometry_nodes(curved)[:, : cells.shape[1]]
     original[cells] = curved.geometry.input_global_indices[nodes]
     points = np.zeros((count, 3))
     points[cells] = curved.geometry.x[nodes]
@@ -235,8 +243,13 @@ def geometry_nodes(mesh: Any) -> Indices:
     """Rows (cells, k) in `geometry.x` of the nodes of each local cell of a mesh, of Python or of
     dolfinx's C++ library."""
     geometry = mesh.geometry
-    # 0.11 has a list, one entry for each kind of cells.
     return np.asarray(geometry.dofmap if VERSION < (0, 11) else geometry.dofmaps[0])
+
+
+def geometry_element(mesh: Mesh) -> fem.CoordinateElement:
+    """The element that interpolates the positions of a mesh within its cells."""
+    geometry: Any = mesh.geometry
+    return geometry.cmap if VERSION < (0, 11) else geometry.cmaps[0]
 
 
 def cell_integral(form: fem.Form) -> tuple[Any, Indices] | None:

@@ -17,6 +17,7 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
+from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.model.body import Array
 
@@ -43,7 +44,7 @@ def corner_points(domain: dmesh.Mesh) -> Array:
     elements."""
     dim = domain.topology.dim
     owned = domain.topology.index_map(dim).size_local
-    return domain.geometry.x[domain.geometry.dofmap[:owned, : dim + 1]]
+    return domain.geometry.x[geometry_nodes(domain)[:owned, : dim + 1]]
 
 
 def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
@@ -117,10 +118,10 @@ def aspects(corners: Array) -> Array:
 def turned_inside(domain: dmesh.Mesh) -> int:
     """Count curved triangles (order 2) of the whole mesh whose normal, examined at the three
     corners, reverses within the cell.  Collective."""
-    if domain.geometry.cmap.degree != 2:
+    if geometry_element(domain).degree != 2:
         return 0
     owned = domain.topology.index_map(2).size_local
-    x = domain.geometry.x[domain.geometry.dofmap[:owned]]
+    x = domain.geometry.x[geometry_nodes(domain)[:owned]]
     straight_normal = area_vectors(x[:, :3])
     turned = np.zeros(owned, dtype=bool)
     # Node 3 + i lies on the edge opposite vertex i.  A parabola from a to b with the middle node m

@@ -11,6 +11,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.backend import geometry_element
 from gossamer_fx.core.forms.kinematics import (
     Expr,
     cell_axes,
@@ -104,11 +105,11 @@ class Membrane(Meshed):
         check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
         self._take_mesh(name, mesh, order, size=3, dim=2)
         domain = self.mesh.domain
+        mesh_order = geometry_element(domain).degree
         check(
-            order >= domain.geometry.cmap.degree,
+            order >= mesh_order,
             f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of "
-            f"order {domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
-            "triangles.",
+            f"order {mesh_order} without stress; use order=2, or mesh with plane triangles.",
         )
         self.law = law
         self.constants = constants(law, domain)

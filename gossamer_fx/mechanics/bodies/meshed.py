@@ -18,6 +18,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.checks.user_functions import ask_points
+from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Block, MeshBody, Port, Vector
@@ -294,8 +295,8 @@ def _weights(body: MeshBody, cell: int, x: np.ndarray) -> tuple[tuple[int, ...],
     below `ZERO_WEIGHT` are left out."""
     space: Any = body.space
     mesh = space.mesh
-    corners = mesh.geometry.x[mesh.geometry.dofmap[cell]]
-    reference = mesh.geometry.cmap.pull_back(x[None], corners)
+    corners = mesh.geometry.x[geometry_nodes(mesh)[cell]]
+    reference = geometry_element(mesh).pull_back(x[None], corners)
     values = space.element.basix_element.tabulate(0, reference)[0, 0, :, 0]
     nodes = body.block.index_map.local_to_global(space.dofmap.cell_dofs(cell))
     is_kept = np.abs(values) > ZERO_WEIGHT

@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Geometry, meshtags
 from dolfinx.mesh import Mesh as DolfinxMesh
+from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all, real_numbers
 from gossamer_fx.core.forms.backend import (
     cell_nodes,
     facets_of,
+    geometry_element,
+    geometry_nodes,
     interpolation_points,
 )
 from gossamer_fx.core.forms.bending import (
@@ -134,8 +136,8 @@ class Plate(Membrane):
             "between cells alone give a stiffness that depends on the pattern of the mesh).",
         )
         given = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
-        geometry = given.domain.geometry
-        degree = geometry.cmap.degree
+        domain = given.domain
+        degree = geometry_element(domain).degree
         check(
             degree <= 2,
             f"Plate '{name}': its mesh is of order {degree}; use a mesh of order 1 or 2.",
@@ -157,7 +159,7 @@ class Plate(Membrane):
         )
         self.shape: fem.Function | None = None
         if degree == 2:
-            self._take_shape(geometry)
+            self._take_shape(domain)
         self.hinges = tuple(hinges)
         repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
         check(
@@ -185,7 +187,7 @@ class Plate(Membrane):
         # The bending energy; `_bending` is the argument, `bending_stiffness` the tensor.
         self.bending = self._bending_about(rest)
 
-    def _take_shape(self, geometry: Geometry) -> None:
+    def _take_shape(self, domain: DolfinxMesh) -> None:
         """Take the nodes of a mesh of order 2 as the stress-free shape, `shape`.  Collective.
 
         Its tied strain from the plane triangles goes to `_strain_of_shape`, which
@@ -193,7 +195,8 @@ class Plate(Membrane):
         """
         self.shape = fem.Function(self.space, name="shape")
         # Nodes of a cell have the same order in both.
-        self.shape.x.array.reshape(-1, 3)[cell_nodes(self.space)] = geometry.x[geometry.dofmap]
+        nodes = domain.geometry.x[geometry_nodes(domain)]
+        self.shape.x.array.reshape(-1, 3)[cell_nodes(self.space)] = nodes
         # The strain of the shape from the plane triangles, which is linear in each of them.
         strain = tied_strain(self.mesh.domain, self.shape, self._frame)
         linear = fem.functionspace(self.mesh.domain, ("Discontinuous Lagrange", 1, (3,)))
@@ -355,7 +358,7 @@ class Plate(Membrane):
         of a curved mesh nearly so.  Collective."""
         edges = np.setdiff1d(np.flatnonzero(table.is_inside & table.is_known), self._hinged)
         domain = self.mesh.domain
-        corners = domain.geometry.x[domain.geometry.dofmap[:, :3]]
+        corners = domain.geometry.x[geometry_nodes(domain)[:, :3]]
         normals = area_vectors(corners)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), SMALLEST_NORMAL)
         left, right = normals[table.cells[edges]].transpose(1, 0, 2)

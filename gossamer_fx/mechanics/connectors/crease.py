@@ -14,7 +14,7 @@ import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
-from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes, geometry_element, geometry_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.state import State
@@ -100,7 +100,7 @@ class Crease:
             "give 1 for a valley fold, -1 for a mountain fold, or None.",
         )
         check(
-            self.body.space.mesh.geometry.cmap.degree == 1,
+            geometry_element(self.body.space.mesh).degree == 1,
             f"{who}: the triangles of '{self.body.name}' are curved; "
             "mesh it with plane triangles (order 1).",
         )
@@ -177,7 +177,7 @@ class Crease:
 
         # Start and end of each edge as the left panel passes it, and the direction t along it.
         geometry = self.body.mesh.domain.geometry
-        corners = geometry.dofmap[:, :3]
+        corners = geometry_nodes(self.body.mesh.domain)[:, :3]
         vertices = corners[cells[:, 0, None], _ENDS[sides[:, 0]]]
         along = geometry.x[vertices[:, 1]] - geometry.x[vertices[:, 0]]
         length = np.linalg.norm(along, axis=1)
@@ -234,7 +234,7 @@ class Crease:
         points of one edge of each: its number, 0 to 2, is in `sides` (n,).  `points` (g,) are
         positions along it, from 0 to 1; `backwards`: from the end at which the triangle leaves it.
         """
-        geometry = self.body.mesh.domain.geometry
+        domain = self.body.mesh.domain
         element = self.body.space.element.basix_element
         # Positions (g,) along the edge in the direction of the triangle, from 0 to 1.
         s = points
@@ -248,7 +248,7 @@ class Crease:
         table = of_edges.reshape(2, 3, len(points), -1)[:, sides]
         # Rows of J (n, 2, 3) are two edges of a triangle; `dual` are their dual vectors in its
         # plane.
-        corners = geometry.x[geometry.dofmap[cells, :3]]
+        corners = domain.geometry.x[geometry_nodes(domain)[cells, :3]]
         J = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
         dual = np.linalg.solve(J @ np.swapaxes(J, 1, 2), J)
         return np.einsum("nac,angk->ngck", dual, table)

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from gossamer_fx.core.algebra.point_measures import PointMeasure, evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import Array, Attached, Port, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
@@ -110,7 +111,7 @@ class Tape:
         geometry = space.mesh.geometry
         vertices_of_cells = space.mesh.topology.connectivity(2, 0).array
         numbers_of_vertices = np.zeros(vertices_of_cells.max(initial=0) + 1, dtype=np.int64)
-        points_of_cells = geometry.dofmap[:, :3].ravel()
+        points_of_cells = geometry_nodes(space.mesh)[:, :3].ravel()
         numbers_of_vertices[vertices_of_cells] = geometry.input_global_indices[points_of_cells]
         numbers = numbers_of_vertices[table.vertices[own_lines]]
         is_reversed = numbers[:, 0] > numbers[:, 1]

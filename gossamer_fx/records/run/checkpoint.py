@@ -54,6 +54,7 @@ import numpy.typing as npt
 from gossamer_fx.core.algebra.rank_exchange import Names, fetch, hash_rows
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import (
     Attached,
     Body,
@@ -124,11 +125,11 @@ def node_names(body: Body) -> Names:
 def cell_vertices(body: MeshBody) -> npt.NDArray[np.int64]:
     """Vertices (cells, k) of this rank's cells, own and ghost, by their indices in the mesh as it
     was read."""
-    geometry = body.space.mesh.geometry
+    mesh = body.space.mesh
     # The first points of a cell are its corners, also if the geometry is of order 2.
-    corner_count = body.space.mesh.topology.dim + 1
-    corners = geometry.dofmap[:, :corner_count]
-    vertices: npt.NDArray[np.int64] = geometry.input_global_indices[corners]
+    corner_count = mesh.topology.dim + 1
+    corners = geometry_nodes(mesh)[:, :corner_count]
+    vertices: npt.NDArray[np.int64] = mesh.geometry.input_global_indices[corners]
     return vertices
 
 

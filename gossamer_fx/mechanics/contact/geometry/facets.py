@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array, Int64Array
@@ -97,7 +98,7 @@ def facets_of(body: MeshBody) -> Facets:
     dofs = space.dofmap.list[:own_count]
     dof_count = dofs.shape[1]
 
-    corners = mesh.geometry.dofmap[:own_count, : dimension + 1]
+    corners = geometry_nodes(mesh)[:own_count, : dimension + 1]
     vertices = mesh.geometry.input_global_indices[corners].astype(np.int64)
     names = _names_of_dofs(vertices, dof_count, EDGES_OF_CELLS[dimension, dof_count]).reshape(-1, 2)
     # Sorting by name makes one point of the dofs that cells share.
