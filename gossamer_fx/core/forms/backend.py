@@ -42,7 +42,6 @@ from dolfinx.mesh import (
     Mesh,
     Topology,
     create_cell_partitioner,
-    create_geometry,
     create_mesh,
     create_submesh,
     to_type,
@@ -163,10 +162,9 @@ def facets_of(curved: Mesh) -> Mesh:
     points = np.zeros((count, 3))
     points[cells] = curved.geometry.x[nodes]
     element = coordinate_element(curved.topology.cell_type, 1)._cpp_object
-    geometry = create_geometry(index_map, cells, element, points, original)
-    compiled = type(curved._cpp_object)(
-        curved.comm, curved.topology._cpp_object, geometry._cpp_object
-    )
+    # dolfinx's Python function takes the element of C++ in 0.9 and that of Python in 0.11.
+    geometry = type(curved.geometry._cpp_object)(index_map, cells, element, points, original)
+    compiled = type(curved._cpp_object)(curved.comm, curved.topology._cpp_object, geometry)
     domain = ufl.Mesh(basix.ufl.element("Lagrange", curved.basix_cell(), 1, shape=(3,)))
     return Mesh(compiled, domain)
 
