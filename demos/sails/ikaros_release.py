@@ -27,8 +27,8 @@ Where the values come from:
     masses, hub          as in the demo `ikaros`; 12 of 14 kg of the trapezoids are devices, whose
                          places were not published: `edge` is the part of the 14 kg along the outer
                          edges, the rest is spread evenly
-    rate                 chosen: stage 1 began on 3 June 2010, and 7.4 rpm were reported for the end
-                         of 4 June, with arms "a little over 5 m" out (project's blog, item 550)
+    rate                 chosen: stage 1 began on 3 June 2010, and 7.4 rpm were reported for 6 June,
+                         with arms held "a little over 5 m" out (project's blog, item 550)
     rods                 as in the demo `ikaros_arms`
 
     ./gossamer demo ikaros_release
