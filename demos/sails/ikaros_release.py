@@ -46,7 +46,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import deployment_case, print_figures
+from demos.common.deployment import deployment_case, print_figures, smooth_start
 from demos.common.figures import BLUE, GREEN, GREY, RED, finish, new_figure, save
 from demos.common.rotation_guides import RotationGuides
 from demos.common.spinning import RPM, drum, laid_along, spin_figures, spin_probes, turned
@@ -390,9 +390,7 @@ def first_free(arms: Arms, free: int) -> int:
 def let_out(t: float, until: float) -> float:
     """Length over the final rate [s] that is let out by the time t: the rate grows smoothly in the
     first third of a run."""
-    ramp = until / 3
-    share = min(t / ramp, 1.0)
-    return ramp * (share**3 - share**4 / 2) + max(t - ramp, 0.0)
+    return smooth_start(t, ramp=until / 3)
 
 
 def window(
