@@ -238,14 +238,14 @@ def main(
     run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
     frame = body.frame()
 
-    def spin(system: object) -> float:
+    def spin() -> float:
         directors = run.system.state.vectors(frame.directors[:2])
         rates = run.system.state.rates(frame.directors[:2])
         return float(rates[0] @ directors[1])
 
-    before = spin(run.system)
+    before = spin()
     run.run(until=steps * dt)
-    braked = INERTIA * (spin(run.system) - before) / run.time
+    braked = INERTIA * (spin() - before) / run.time
     P = orbit.pressure / DISTANCE**2
     mirrored, both, _ = OPTICS.coefficients()
     # dF/dδ along the motion of a petal: only the part of the force along the normal has one.

@@ -146,7 +146,7 @@ def check_fits(radius: float, pressure: float, where: str) -> None:
     )
 
 
-def bending_share(curvature: float, radius: float, pressure: float, stiffness: float) -> float:
+def bending_share(curvature: float, pressure: float, stiffness: float) -> float:
     """M/(E t π r³ κ) of a tube at a curvature κ [1/m]."""
     first = pressure / (2 * stiffness)
     ratio = curvature / first
@@ -433,7 +433,6 @@ class Hanging:
             r = tube.radius
             bending = bending_share(
                 self.curvature(tube),
-                r,
                 pressure,
                 wall_stiffness(r, pressure),
             )
