@@ -129,6 +129,18 @@ def test_a_coarse_space_is_set_up_anew_after_a_failure():
     assert factorisation.set_up(pc) == ""
 
 
+def test_attempts_at_a_step_do_not_use_up_the_hard_steps():
+    steps = factorisation.HardSteps(limit=8)
+    for _ in range(2):
+        steps.begin_step()
+        steps.extend()
+    assert steps.left == 2
+    for _ in range(3):
+        steps.begin_step()
+        assert steps.left == 1
+        steps.restore()
+
+
 def blocks_of_three(dense: np.ndarray) -> PETSc.Mat:
     """A dense array as a matrix of 3 x 3 blocks, all of which are stored."""
     n = len(dense) // 3

@@ -742,7 +742,7 @@ class CondensedSolver:
     def _factorise(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Solve (1) by a factorisation, with scaled rows and columns only where it is not accurate
         without.  Collective."""
-        A = self._condensed.tangent.whole()
+        A = self._condensed.tangent.for_factorisation()
         if self._complete is not None and A.handle != self._complete.getOperators()[0].handle:
             # Couplings of contact have changed the pattern.
             self._complete.destroy()
@@ -758,7 +758,7 @@ class CondensedSolver:
             reason = KSP_REASON.DIVERGED_PCSETUP_FAILED
         ksp.setIterationNumber(ksp.getIterationNumber() + 1)
         ksp.setConvergedReason(reason)
-        if A.handle != self._condensed.tangent.A.handle:
+        if A.comm.size > 1 and A.handle != self._condensed.tangent.A.handle:
             # The preconditioner retains it; on several ranks PETSc would hold what Python drops.
             A.destroy()
 

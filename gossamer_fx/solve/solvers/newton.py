@@ -298,7 +298,7 @@ class Newton:
         self.linear_iterations += self._snes.getLinearSolveIterations()
         if reason <= 0:
             message = self._failure_message(reason, iterations)
-            linear.recover(self._preconditioner)
+            linear.recover(self.ksp.getPC())
             raise NotConverged(message)
 
     # ---- callbacks of PETSc: residual and tangent ------------------------------------------------
