@@ -76,6 +76,17 @@ def test_steps_leave_nothing_behind(comm, parts, capfd):
 
 
 @pytest.mark.mpi
+def test_searches_for_rest_leave_no_more_than_one_of_them(comm, capfd):
+    film, support = held(comm)
+    equilibrium = gx.Equilibrium(gx.Scene(film, support, gx.Gravity(film)))
+    counts = []
+    for _ in range(3):
+        equilibrium.find()
+        counts.append(kept(equilibrium.comm, capfd))
+    assert counts[1] == counts[2]
+
+
+@pytest.mark.mpi
 def test_a_matrix_that_was_factorised_is_freed(comm, capfd):
     """Not at the end of a step, when there are as many as iterations."""
     own = comm.Dup()
