@@ -32,6 +32,17 @@ def test_free_rigid_body(comm, h):
     assert max(errors(gx.Scene(body), h, min(round(2 / h), 300))) < 1e-13
 
 
+def test_one_iteration_is_enough_where_no_more_are_allowed(comm):
+    """It leaves 3e-13 of the first residual, of which a second one would leave round-off."""
+    left = gx.PointMass(1e-3, velocity=(0.0, -0.01, 0.0), name="left")
+    right = gx.PointMass(1e-3, (0.1, 0.0, 0.0), velocity=(0.0, 0.01, 0.0), name="right")
+    spring = gx.connectors.Spring(left.port(), right.port(), stiffness=1.0, length=0.09)
+    tolerances = gx.Tolerances(max_iterations=1)
+    run = run_until(0.03, left, right, spring, dt=3e-3, tolerances=tolerances, halvings=0)
+    assert run.iterations == run.step == 10
+    assert abs(run.energy_error) < 1e-12
+
+
 @pytest.mark.parametrize("spring", ["axial", "to the ground", "between masses"])
 @pytest.mark.parametrize("h", STEPS)
 def test_oscillator_far_from_the_origin(comm, h, spring):

@@ -463,7 +463,8 @@ class Newton:
             self._add_time("law", started)
             self._evaluate(y, snes.getFunction()[0])
             if self._is_solved():
-                self._is_refining = iteration == 1 and self._leaves_remainder()
+                is_alone = iteration == 1 and self.tolerances.max_iterations > 1
+                self._is_refining = is_alone and self._leaves_remainder()
                 if not self._is_refining:
                     return int(reasons.CONVERGED_FNORM_ABS)
         if test.diverges():
