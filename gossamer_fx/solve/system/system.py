@@ -775,9 +775,9 @@ class System:
         return squares**0.5, worst
 
     def locate(self, r: PETSc.Vec) -> str:
-        """Where a residual is largest, in words, e.g. "'film' at the node (0, 0, 1) m of the mesh";
-        empty if it is in a constraint.  Collective, the same on every rank."""
-        values = abs(r.array_r)
+        """Where the forces of a residual are largest, in words, e.g. "'film' at the node (0, 0, 1)
+        m of the mesh".  Collective, the same on every rank."""
+        values = abs(r.array_r[: 3 * len(self.position_marks)])  # without multipliers
         i = int(values.argmax()) if values.size else -1
         largest = float(values[i]) if i >= 0 else -1.0
         words = ""
