@@ -206,7 +206,8 @@ class ControlledSteps:
         return {"wanted": self.wanted, "before": length_before}
 
     def set_history(self, state: dict[str, Any]) -> None:
-        self.wanted = state["wanted"]
+        # A restart may bring another limit.
+        self.wanted = min(state["wanted"], self._control.max_step)
         if self._local_error:
             self._local_error.length_before = state["before"]
 
