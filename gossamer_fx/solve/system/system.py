@@ -676,6 +676,8 @@ class System:
         velocities v (n,) at a time [s]: q0, q1 and `previous` become q.  History variables are set
         by the caller (`Differentiable.load_history`); totals of energies do not change.
         Collective."""
+        # On several ranks PETSc keeps what was dropped in the step that was restored before this.
+        PETSc.garbage_cleanup(self.comm)
         self.time = t
         self.v0.array[:] = v
         self.q0.array[:] = q
