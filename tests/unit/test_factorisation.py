@@ -7,7 +7,7 @@ import pytest
 from petsc4py import PETSc
 
 import gossamer_fx as gx
-from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.solvers import factorisation, linear
 
 
 def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
@@ -197,7 +197,7 @@ def test_singular_blocks_are_told_and_the_next_matrix_is_solved():
     pc = factorised(singular)
     assert np.isnan(solution(pc, np.ones(6))).all()
     assert "MUMPS: the matrix is singular" in factorisation.reason(pc)
-    pc.getPythonContext().recover()
+    linear.recover(pc)
     pc.setOperators(blocks_of_three(definite))
     assert solution(pc, np.ones(6)) == pytest.approx(np.ones(6), rel=1e-15)
     assert factorisation.reason(pc) == ""

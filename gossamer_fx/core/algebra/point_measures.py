@@ -79,11 +79,8 @@ def translation_weight(port: Attached) -> float:
         return 1.0
     # A port without vectors means the positions of its nodes.
     vectors = port.vectors or (0,) * len(port.nodes)
-    weight_of_positions = 0.0
-    for weight, vector in zip(port.weights, vectors, strict=True):
-        if vector == 0:
-            weight_of_positions += weight
-    return weight_of_positions
+    pairs = zip(port.weights, vectors, strict=True)
+    return sum((weight for weight, vector in pairs if vector == 0), 0.0)
 
 
 def attach(

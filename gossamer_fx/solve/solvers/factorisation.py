@@ -108,9 +108,6 @@ class Lapack:
         else:
             x.array[:] = self._lapack.dgetrs(self._lu, self._pivots, b.array_r, trans=1)[0]
 
-    def recover(self) -> None:
-        """Do nothing: the next matrix is factorised whatever became of this one."""
-
     def __str__(self) -> str:
         return "a factorisation by LAPACK"
 
@@ -182,9 +179,6 @@ class BlockFactors:
             x.array[:] = np.nan
         else:
             self._in_use.apply(b, x)
-
-    def recover(self) -> None:
-        """Do nothing: the next matrix is factorised whatever became of this one."""
 
     def __str__(self) -> str:
         return "a factorisation of blocks"

@@ -358,7 +358,8 @@ def _keep_factors(pc: PETSc.PC) -> bool:
 
 def recover(pc: PETSc.PC) -> None:
     """Make a preconditioner usable again after a matrix that could not be factorised."""
-    if pc.getType() == "python":
+    # Factorisations of this package take the next matrix whatever became of this one.
+    if pc.getType() == "python" and not factorisation.is_exact(pc):
         pc.getPythonContext().recover()
     elif factorisation.failure(pc) < 0:
         factorisation.renew(pc)
