@@ -135,6 +135,13 @@ def test_a_step_that_fails_at_a_small_residual_names_the_tolerance_that_passes_i
     assert abs(passing.energy_error) < 1e-13
 
 
+def test_a_step_that_fails_names_a_body_where_constraints_miss_more_than_forces() -> None:
+    body = gx.RigidBody(1e-6, (0.6e-6, 1.1e-6, 1.5e-6), spin=(1.5, 0.0, 0.5))
+    words = "constraints off by .* largest in 'body' the rigid body"
+    with pytest.raises(gx.StepFailure, match=words):
+        run_until(0.5, body, dt=0.5, halvings=0, tolerances=gx.Tolerances(max_iterations=1))
+
+
 # Two angles [rad] and two rates [rad/s] at these times [s], from the equations of the double
 # pendulum.
 HINGED_RODS = {

@@ -11,7 +11,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from tests.small_scenes import run_until
+from tests.small_scenes import LINEAR, run_until
 
 COMM = MPI.COMM_WORLD
 TIP = (0.0, 1.0, 0.0)
@@ -87,6 +87,15 @@ def test_a_region_is_fixed_to_a_rigid_body_where_both_start() -> None:
     ends = after.system.state.vectors([corner, hub.port()])
     # The corner is 0.2 m and 0.5 m from the centre of the hub.
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(np.hypot(0.2, 0.5), rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_another_mesh_is_refused_on_all_ranks() -> None:
+    """On two ranks the first one has as many nodes of both meshes, 11."""
+    other, film = (gx.Membrane(sheet(COMM, n, m), LINEAR, name="film") for n, m in ((3, 5), (4, 4)))
+    start = gx.StartFrom(gx.Scene(other).compile())
+    with pytest.raises(gx.InputError, match="'film' has other nodes in 'start'"):
+        gx.Scene(film, start).compile()
 
 
 def test_two_starts_are_refused(comm):

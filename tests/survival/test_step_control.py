@@ -191,6 +191,26 @@ def test_a_step_that_fails_is_cut_and_recovers() -> None:
         strict.run(until=0.05)
 
 
+@pytest.mark.parametrize("before", [None, gx.StepControl(max_factor=2.0)])
+def test_a_restart_may_bring_another_control(before, tmp_path) -> None:
+    scene, _ = oscillator()
+    saved = gx.Checkpoints(tmp_path / "saves", every=4)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), control=before, checkpoints=saved)
+    run.run(until=4e-3)
+    noted = Steps()
+    control = gx.StepControl(max_factor=1.5, max_step=1.2e-3)
+    rest = gx.Simulation(
+        oscillator()[0],
+        gx.Midpoint(dt=1e-3),
+        control=control,
+        outputs=[noted],
+        restart=tmp_path / "saves",
+    )
+    rest.run(until=rest.time + 1e-2)
+    assert noted.lengths[0] == pytest.approx(1e-3 if before is None else 1.2e-3, rel=0.1)
+    assert max(noted.lengths) < 1.201e-3
+
+
 @pytest.mark.parametrize("bad", [{"max_factor": 0.9}, {"min_factor": 1.0}])
 def test_bad_requests(bad: dict) -> None:
     with pytest.raises(gx.InputError, match=f"StepControl: {next(iter(bad))} is"):

@@ -7,7 +7,7 @@ import pytest
 from petsc4py import PETSc
 
 import gossamer_fx as gx
-from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.solvers import factorisation, linear
 
 
 def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
@@ -129,6 +129,18 @@ def test_a_coarse_space_is_set_up_anew_after_a_failure():
     assert factorisation.set_up(pc) == ""
 
 
+def test_attempts_at_a_step_do_not_use_up_the_hard_steps():
+    steps = factorisation.HardSteps(limit=8)
+    for _ in range(2):
+        steps.begin_step()
+        steps.extend()
+    assert steps.left == 2
+    for _ in range(3):
+        steps.begin_step()
+        assert steps.left == 1
+        steps.restore()
+
+
 def blocks_of_three(dense: np.ndarray) -> PETSc.Mat:
     """A dense array as a matrix of 3 x 3 blocks, all of which are stored."""
     n = len(dense) // 3
@@ -185,7 +197,7 @@ def test_singular_blocks_are_told_and_the_next_matrix_is_solved():
     pc = factorised(singular)
     assert np.isnan(solution(pc, np.ones(6))).all()
     assert "MUMPS: the matrix is singular" in factorisation.reason(pc)
-    pc.getPythonContext().recover()
+    linear.recover(pc)
     pc.setOperators(blocks_of_three(definite))
     assert solution(pc, np.ones(6)) == pytest.approx(np.ones(6), rel=1e-15)
     assert factorisation.reason(pc) == ""

@@ -76,6 +76,30 @@ def test_steps_leave_nothing_behind(comm, parts, capfd):
 
 
 @pytest.mark.mpi
+def test_searches_for_rest_leave_no_more_than_one_of_them(comm, capfd):
+    film, support = held(comm)
+    equilibrium = gx.Equilibrium(gx.Scene(film, support, gx.Gravity(film)))
+    counts = []
+    for _ in range(3):
+        equilibrium.find()
+        counts.append(kept(equilibrium.comm, capfd))
+    assert counts[1] == counts[2]
+
+
+@pytest.mark.mpi
+def test_the_way_back_through_a_run_leaves_no_more_than_a_step(comm, capfd):
+    counts = []
+    for steps in (2, 4):
+        items = touching(comm)
+        run = gx.Simulation(gx.Scene(*items, gx.Gravity(items[0])), gx.Midpoint(dt=1e-3))
+        tape = gx.analysis.RunTape(run)
+        run.run(until=steps * 1e-3)
+        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["film.thickness"])
+        counts.append(kept(run.comm, capfd))
+    assert counts[0] == counts[1]
+
+
+@pytest.mark.mpi
 def test_a_matrix_that_was_factorised_is_freed(comm, capfd):
     """Not at the end of a step, when there are as many as iterations."""
     own = comm.Dup()

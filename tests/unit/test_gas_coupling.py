@@ -9,9 +9,12 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.core.checks.errors import NotConverged
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.records.run.simulation import Simulation
+from gossamer_fx.solve.solvers import linear
+from gossamer_fx.solve.steppers.midpoint import GEOMETRIC_STIFFNESS_DELAYS
 from tests.small_scenes import AIR, run_until
 
 WORLD = MPI.COMM_WORLD
@@ -203,3 +206,28 @@ def test_an_iterate_that_is_no_number_is_forgotten() -> None:
     assert system.begin_step(1e-6) == pytest.approx(first, rel=1e-14)
     system.set_end(system.q0)
     assert abs(system.residual(first, r)).max() < 1e-12
+
+
+def test_an_attempt_takes_no_columns_of_one_that_failed(monkeypatch) -> None:
+    """The step is tried four times; each attempt begins with P⁻¹ G of its own first iterate."""
+    monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT", 0)
+    bag = gx.Chamber(
+        gx.Membrane(airbag(MPI.COMM_SELF, 1.0, 4), FILM),
+        gas=AIR,
+        pressure=10.0,
+        temperature=300.0,
+        dead_volume=1e-3,
+    )
+    stepper = gx.Midpoint(dt=1e-2, tolerances=gx.Tolerances(max_iterations=1))
+    run = gx.Simulation(gx.Scene(bag), stepper)
+    computed = []
+    original = linear.BorderedPreconditioner._solve_columns
+
+    def noted(preconditioner) -> None:
+        computed.append(run.solver.newton.geometric_stiffness_delay)
+        original(preconditioner)
+
+    monkeypatch.setattr(linear.BorderedPreconditioner, "_solve_columns", noted)
+    with pytest.raises(NotConverged):
+        run.solver.step(1e-2)
+    assert computed == list(GEOMETRIC_STIFFNESS_DELAYS)

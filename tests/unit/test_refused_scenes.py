@@ -161,6 +161,9 @@ MESHES: list[Case] = [
     (lambda: beam().frame("curve"), "curve"),
     (lambda: gx.Port(gx.PointMass(1.0), (7,)), "its nodes are 0 to 0"),
     (lambda: gx.Port(gx.PointMass(1.0), (-1,)), "its nodes are 0 to 0"),
+    (lambda: gx.Port(gx.PointMass(1.0), (0,), vectors=(1,)), "for each node, 0 to 0"),
+    (lambda: gx.Port(gx.PointMass(1.0), (0,), vectors=(-1,)), "for each node, 0 to 0"),
+    (lambda: gx.Port(gx.PointMass(1.0), (0,), vectors=(0, 0)), "for each node, 0 to 0"),
 ]
 
 PICTURES: list[Case] = [

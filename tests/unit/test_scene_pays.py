@@ -14,6 +14,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx as gx
+from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.mechanics.gas import patches
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
@@ -121,6 +123,24 @@ def test_a_film_that_never_wrinkles_needs_no_law_kernel(tmp_path: Path) -> None:
     seen = run_alone(tmp_path, TAUT)
     assert not [module for module in seen["modules"] if "law_kernel" in module]
     assert not list(tmp_path.rglob("gossamer_law_*"))
+
+
+@pytest.mark.parametrize(
+    ("rule", "count"), [(gx.steppers.PathAverage(), 3), (gx.steppers.EndPoint(), 2)]
+)
+def test_a_film_round_gas_has_the_forms_that_its_rule_uses(rule, count, monkeypatch):
+    """Where forces act at the end of a step, none in the middle."""
+    compiled = []
+
+    def noted(form):
+        compiled.append(form)
+        return compile_form(form)
+
+    monkeypatch.setattr(patches, "compile_form", noted)
+    film = gx.Membrane(airbag(MPI.COMM_SELF, 0.85, 2), small_scenes.WRINKLING)
+    bag = gx.Chamber(film, gas=small_scenes.AIR, pressure=1e5, temperature=300.0, dead_volume=1e-3)
+    gx.Scene(bag).compile(rule)
+    assert len(compiled) == count
 
 
 def test_an_obstacle_loads_no_sparse_matrices() -> None:

@@ -26,7 +26,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
-from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.model.body import Array, Attached, Body, Ground, Port
 
 # Entries of a dense block, per block, from which PETSc takes blocks one by one faster than all in
@@ -79,11 +79,8 @@ def translation_weight(port: Attached) -> float:
         return 1.0
     # A port without vectors means the positions of its nodes.
     vectors = port.vectors or (0,) * len(port.nodes)
-    weight_of_positions = 0.0
-    for weight, vector in zip(port.weights, vectors, strict=True):
-        if vector == 0:
-            weight_of_positions += weight
-    return weight_of_positions
+    pairs = zip(port.weights, vectors, strict=True)
+    return sum((weight for weight, vector in pairs if vector == 0), 0.0)
 
 
 def attach(
@@ -93,8 +90,6 @@ def attach(
     them `Ground`: global indices (D,) of the unknowns, P (3k, D), with lengths [m] where a point
     depends on a director, else dimensionless, and the offset (3k,), nonzero for ports of the ground
     ([m] for points, [-] for directions).
-
-    A port whose nodes, weights and vectors do not belong together raises `InputError`.
     """
     indices = []
     offset = np.zeros(3 * len(ports))
@@ -105,13 +100,6 @@ def attach(
             offset[3 * j : 3 * j + 3] = port.vector
             continue
         vectors = np.array(port.vectors or (0,) * len(port.nodes))
-        same_length = len(port.nodes) == len(port.weights) == len(vectors)
-        check(
-            same_length and bool((vectors * 3 < port.body.block.size).all()),
-            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, "
-            f"{len(port.weights)} weights and vectors {port.vectors}; "
-            "give one weight and one existing vector for each node.",
-        )
         nodes = np.array(port.nodes, dtype=np.int64)
         unknowns = numbering.to_global(bodies.index(port.body), nodes)
         rows = np.arange(len(vectors))[:, None]
@@ -142,9 +130,6 @@ def attach_all(
     Returns:
         Global indices (n, D), maps P (n, rows, D) and offsets (n, rows).  D is the largest number
             of unknowns of a tuple on this rank.
-
-    Raises:
-        InputError: a port whose nodes, weights and vectors do not belong together.
     """
     attached = [attach(numbering, bodies, ports) for ports in tuples]
     n = len(attached)
@@ -228,8 +213,7 @@ class PointMeasures:
     def __init__(
         self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]
     ) -> None:
-        """Convert the measures that this rank evaluates to arrays.  A port whose nodes, weights and
-        vectors do not belong together raises `InputError`."""
+        """Convert the measures that this rank evaluates to arrays."""
         self.m = measures[0].H.shape[0]
         rows = measures[0].H.shape[1]
         tuples: list[Ports] = []

@@ -142,7 +142,7 @@ class Port:
     vectors: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse nodes that the body does not have, and another number of weights."""
+        """Refuse nodes and vectors that the body does not have, and other numbers of them."""
         check(
             len(self.weights) == len(self.nodes),
             f"A port of '{self.body.name}' has {len(self.nodes)} nodes and {len(self.weights)} "
@@ -153,6 +153,12 @@ class Port:
             all(0 <= node < count for node in self.nodes),
             f"A port of '{self.body.name}' has the nodes {self.nodes}; "
             f"its nodes are 0 to {count - 1}.",
+        )
+        last = self.body.block.size // 3 - 1
+        check(
+            len(self.vectors) in (0, len(self.nodes)) and all(0 <= k <= last for k in self.vectors),
+            f"A port of '{self.body.name}' has {len(self.nodes)} nodes and the vectors "
+            f"{self.vectors}; give one for each node, 0 to {last}.",
         )
 
     def evaluate(self, unknowns: Array) -> Array:

@@ -87,11 +87,11 @@ class FilmForms:
 
     Attributes:
         factor: of all forms: the sign of the normals, in the tangent times the pressure [Pa].
-        at_end, at_mid: linear forms, (1) at q1 and at q̄.
+        at_end, at_mid: linear forms, (1) at q1 and at q̄; one form where forces act at q1.
         tangent: bilinear form, the derivative of the negative of (1) at q̄ by q1.
     """
 
-    def __init__(self, film: Membrane, at: Coordinates) -> None:
+    def __init__(self, film: Membrane, at: Coordinates, acts_at_end: bool) -> None:
         """Compile the forms on the whole film.  Collective."""
         # Degree of (1): 2 (order - 1) of the area vector, order of w.
         degree = 2 * (film.order - 1) + film.order
@@ -103,7 +103,9 @@ class FilmForms:
             return self.factor * ufl.dot(area_vector(film.deformation(x)), at.w) * dx
 
         self.at_end = compile_form(flux(at.q1))
-        self.at_mid = compile_form(flux(at.mid))
+        self.at_mid = self.at_end
+        if not acts_at_end:
+            self.at_mid = compile_form(flux(at.mid))
         self.tangent = compile_form(ufl.derivative(-flux(at.mid), at.q1, at.dq))
 
 
@@ -195,7 +197,8 @@ class ChamberSurfaces:
                 self._kinds.append(kind)
                 continue
             if part.film not in forms:
-                forms[part.film] = FilmForms(part.film, system.coordinates[part.film])
+                at = system.coordinates[part.film]
+                forms[part.film] = FilmForms(part.film, at, system.rule.acts_at_end)
             form = forms[part.film]
             unknowns = local(indices)[:, :, None] + np.arange(3, dtype=np.int32)
             self._films.append(

@@ -125,7 +125,8 @@ class StartFrom:
         values = there.coordinates().ravel()
         if from_full:
             values = body.reduced(values)  # type: ignore[attr-defined]
-        check(
+        check_on_all(
+            body.comm,
             len(values) == here.coordinates().size,
             f"'{body.name}' has other nodes in '{self.name}'; use the same mesh.",
         )

@@ -145,7 +145,6 @@ class Condensation:
         """Find all constraints of a system that can be condensed, with its free `frames`.
         Collective."""
         assert system.constraints is not None
-        self._numbering = system.numbering
         self.frames = frames
         own_equations = system.constraints.linear_equations()
         equations = [each for part in system.comm.allgather(own_equations) for each in part]
@@ -162,12 +161,8 @@ class Condensation:
             places_of_turns.append(each.directors[:, :3].ravel())
         self.gone: Indices = np.sort(np.concatenate(gone))
         self.changed: Indices = np.union1d(self.gone, np.concatenate(places_of_turns))
-        self.owned = self._own(self.gone)
-
-    def _own(self, unknowns: Indices) -> Indices:
-        """Those of global indices that this rank owns, as indices of its part of a vector."""
-        local = unknowns - self._numbering.start
-        return local[(local >= 0) & (local < self._numbering.size_local)]
+        local = self.gone - system.numbering.start
+        self.owned = local[(local >= 0) & (local < system.numbering.size_local)]
 
     def _eliminate(self, equations: list[tuple[int, dict[int, float]]]) -> Indices:
         """Find the rules of all slaves; returns these and the condensed multipliers."""
@@ -742,7 +737,7 @@ class CondensedSolver:
     def _factorise(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Solve (1) by a factorisation, with scaled rows and columns only where it is not accurate
         without.  Collective."""
-        A = self._condensed.tangent.whole()
+        A = self._condensed.tangent.for_factorisation()
         if self._complete is not None and A.handle != self._complete.getOperators()[0].handle:
             # Couplings of contact have changed the pattern.
             self._complete.destroy()
@@ -758,7 +753,7 @@ class CondensedSolver:
             reason = KSP_REASON.DIVERGED_PCSETUP_FAILED
         ksp.setIterationNumber(ksp.getIterationNumber() + 1)
         ksp.setConvergedReason(reason)
-        if A.handle != self._condensed.tangent.A.handle:
+        if A.comm.size > 1 and A.handle != self._condensed.tangent.A.handle:
             # The preconditioner retains it; on several ranks PETSc would hold what Python drops.
             A.destroy()
 

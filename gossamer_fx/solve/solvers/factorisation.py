@@ -108,9 +108,6 @@ class Lapack:
         else:
             x.array[:] = self._lapack.dgetrs(self._lu, self._pivots, b.array_r, trans=1)[0]
 
-    def recover(self) -> None:
-        """Do nothing: the next matrix is factorised whatever became of this one."""
-
     def __str__(self) -> str:
         return "a factorisation by LAPACK"
 
@@ -182,9 +179,6 @@ class BlockFactors:
             x.array[:] = np.nan
         else:
             self._in_use.apply(b, x)
-
-    def recover(self) -> None:
-        """Do nothing: the next matrix is factorised whatever became of this one."""
 
     def __str__(self) -> str:
         return "a factorisation of blocks"
@@ -445,7 +439,8 @@ class HardSteps:
     an incomplete factorisation is tried again.
 
     One such solve says little about the next step, several in turn do: their number doubles with
-    each, up to a limit, and a step without any halves it.
+    each, up to a limit, and a step without any halves it.  It concerns time only, and a restarted
+    run learns it again from a few solves: it is not in checkpoints.
 
     Args:
         limit: largest number of steps.
@@ -462,10 +457,10 @@ class HardSteps:
 
     def begin_step(self) -> None:
         """Count a step."""
+        self._at_start = (self.left, self._next)
         if not self.left:
             self._next = max(self._next // 2, 1)
         self.left = max(self.left - 1, 0)
-        self._at_start = (self.left, self._next)
 
     def extend(self) -> None:
         """A solve was hard: factorise the next steps."""
@@ -473,7 +468,7 @@ class HardSteps:
         self._next = min(2 * self._next, self._limit)
 
     def restore(self) -> None:
-        """Return to the state at the start of the step."""
+        """Return to the state before the step, which was not solved and does not count."""
         self.left, self._next = self._at_start
 
 

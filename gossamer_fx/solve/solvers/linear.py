@@ -216,6 +216,12 @@ class BorderedPreconditioner:
         if columns:
             self._schur[:, columns] -= operator.rows(self._Z.values)
 
+    def recover(self) -> None:
+        """Become usable again after a step that was not solved: another attempt of its length does
+        not take Z of its iterates."""
+        self._step = None
+        recover(self._sparse)
+
     def _set_up_sparse(self, is_new_step: bool) -> None:
         """Set up the preconditioner of the coordinates' tangent, with or without the couplings of
         contact."""
@@ -352,7 +358,8 @@ def _keep_factors(pc: PETSc.PC) -> bool:
 
 def recover(pc: PETSc.PC) -> None:
     """Make a preconditioner usable again after a matrix that could not be factorised."""
-    if pc.getType() == "python":
+    # Factorisations of this package take the next matrix whatever became of this one.
+    if pc.getType() == "python" and not factorisation.is_exact(pc):
         pc.getPythonContext().recover()
     elif factorisation.failure(pc) < 0:
         factorisation.renew(pc)

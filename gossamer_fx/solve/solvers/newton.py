@@ -249,6 +249,10 @@ class Newton:
             NotConverged: with PETSc's reason and where the residual is largest.
             Inadmissible: with what is wrong with the solution, e.g. that films intersect.
         """
+        if self.system.rule.is_static:
+            # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask
+            # for this, as runs do after each step.
+            PETSc.garbage_cleanup(self.system.comm)
         self.convergence = ConvergenceTest(self.tolerances, bool(self.system.active_sets))
         # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from
         # there.
@@ -298,7 +302,7 @@ class Newton:
         self.linear_iterations += self._snes.getLinearSolveIterations()
         if reason <= 0:
             message = self._failure_message(reason, iterations)
-            linear.recover(self._preconditioner)
+            linear.recover(self.ksp.getPC())
             raise NotConverged(message)
 
     # ---- callbacks of PETSc: residual and tangent ------------------------------------------------
@@ -459,7 +463,8 @@ class Newton:
             self._add_time("law", started)
             self._evaluate(y, snes.getFunction()[0])
             if self._is_solved():
-                self._is_refining = iteration == 1 and self._leaves_remainder()
+                is_alone = iteration == 1 and self.tolerances.max_iterations > 1
+                self._is_refining = is_alone and self._leaves_remainder()
                 if not self._is_refining:
                     return int(reasons.CONVERGED_FNORM_ABS)
         if test.diverges():

@@ -73,7 +73,9 @@ class History:
         # Quantities derived from the coordinates first: history variables may depend on them.
         self._system.restart()
         for name, variables in self._variables.items():
-            variables.set_history(state[name])
+            # A restart may bring a step control, which begins anew.
+            if name in state or not isinstance(variables, Carrier):
+                variables.set_history(state[name])
 
     def commit(self) -> None:
         """Save the present state, which replaces the one saved before.  Collective."""

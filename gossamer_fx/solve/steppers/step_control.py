@@ -142,7 +142,10 @@ class ControlledSteps:
     def advance(self, h: float) -> None:
         """Make a step of h [s], or a shorter one where Newton's iteration fails or the local error
         is above its tolerance, and choose the `wanted` length of the next one.  Collective."""
-        self._begin_step()
+        if self._local_error:
+            # The step may be undone.
+            self._history.commit()
+            self._local_error.begin_step()
         growth = self._control.max_factor
         while True:
             try:
@@ -152,7 +155,9 @@ class ControlledSteps:
                 reason = str(failure)
             else:
                 self.iterations += iterations
-                error = self._measure_error(h)
+                error = 0.0
+                if self._local_error:
+                    error = self._local_error.measure(h)
                 if not error > self._tolerance:
                     factor = self._next_factor(iterations, error)
                     break
@@ -172,19 +177,6 @@ class ControlledSteps:
         # h may be shorter than wanted to meet a time.  That alone must not shorten the next step.
         if factor < 1 or proposed > self.wanted:
             self.wanted = min(proposed, self._control.max_step)
-
-    def _begin_step(self) -> None:
-        """Save what a step needs whose local error is measured, and which may be undone."""
-        if self._local_error:
-            self._history.commit()
-            self._local_error.begin_step()
-
-    def _measure_error(self, h: float) -> float:
-        """Local error [m] of the step of length h [s] just made; zero if errors are not
-        measured."""
-        if self._local_error is None:
-            return 0.0
-        return self._local_error.measure(h)
 
     def _factor_by_error(self, error: float) -> float:
         """Ratio of step lengths that brings a local error [m] below the tolerance, with safety."""
@@ -206,7 +198,8 @@ class ControlledSteps:
         return {"wanted": self.wanted, "before": length_before}
 
     def set_history(self, state: dict[str, Any]) -> None:
-        self.wanted = state["wanted"]
+        # A restart may bring another limit.
+        self.wanted = min(state["wanted"], self._control.max_step)
         if self._local_error:
             self._local_error.length_before = state["before"]
 

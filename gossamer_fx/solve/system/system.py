@@ -676,6 +676,8 @@ class System:
         velocities v (n,) at a time [s]: q0, q1 and `previous` become q.  History variables are set
         by the caller (`Differentiable.load_history`); totals of energies do not change.
         Collective."""
+        # On several ranks PETSc keeps what was dropped in the step that was restored before this.
+        PETSc.garbage_cleanup(self.comm)
         self.time = t
         self.v0.array[:] = v
         self.q0.array[:] = q
@@ -775,9 +777,9 @@ class System:
         return squares**0.5, worst
 
     def locate(self, r: PETSc.Vec) -> str:
-        """Where a residual is largest, in words, e.g. "'film' at the node (0, 0, 1) m of the mesh";
-        empty if it is in a constraint.  Collective, the same on every rank."""
-        values = abs(r.array_r)
+        """Where the forces of a residual are largest, in words, e.g. "'film' at the node (0, 0, 1)
+        m of the mesh".  Collective, the same on every rank."""
+        values = abs(r.array_r[: 3 * len(self.position_marks)])  # without multipliers
         i = int(values.argmax()) if values.size else -1
         largest = float(values[i]) if i >= 0 else -1.0
         words = ""
