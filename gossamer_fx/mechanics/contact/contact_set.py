@@ -451,7 +451,7 @@ class ContactSet:
         pairs.stiffness = np.where(has_energy, stiffness, chosen)
         if self._is_static:
             # In statics no energy has to be conserved, and the load may have grown.
-            pairs.stiffness = np.maximum(stiffness, chosen)
+            pairs.stiffness = np.maximum(pairs.stiffness, chosen)
         pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
         self._active = active
         self.pairs = pairs
