@@ -286,7 +286,9 @@ class ContactSet:
             self._start_time = self.system.time
             self._search_at_rest()
             history.keep_some(np.isin(history.identifier, self.candidates.identifier))
-            self._energy, _ = energy_of_pairs(self.pairs_with_energy(), self.x0, self.law)
+            pairs = self.pairs_with_energy()
+            self._energy, _ = energy_of_pairs(pairs, self.x0, self.law)
+            self.forces.take_state(pairs, self.x0)
         return self._energy if len(history.identifier) else 0.0
 
     def pairs_with_energy(self) -> ActivePairs:
