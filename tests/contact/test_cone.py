@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -186,6 +187,36 @@ def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
         work = response.forces[i] @ moves[i].ravel()
         # The discrete gradient is exact; relative round-off of differences of energies.
         assert work == pytest.approx(after - before, rel=1e-9, abs=1e-12 * (1 + before))
+
+
+@both_kinds
+def test_forces_do_not_depend_on_the_unit_of_length(kind: int) -> None:
+    pairs, x0 = active_pairs(kind)
+    x1 = x0 + 0.2 * pairs.width[:, None, None] * np.random.default_rng(2).normal(size=x0.shape)
+    # Directions of boundaries have no unit, and do not move.
+    directions = slice(2, 2 if kind == EdgeCone.number else 4)
+    x1[:, directions] = x0[:, directions]
+
+    def forces_in(unit: float) -> np.ndarray:
+        """The forces, with lengths as multiples of a unit [1/m]."""
+        scaled = replace(
+            pairs,
+            width=unit * pairs.width,
+            offset=unit * pairs.offset,
+            shape=unit * np.asarray(pairs.shape),
+        )
+        ends = [unit * x0, unit * x1]
+        for end, x in zip(ends, (x0, x1), strict=True):
+            end[:, directions] = x[:, directions]
+        response = evaluate(scaled, *map(flat, ends), ContactLaw.PENALTY, 0.5, by_pair=True)
+        assert np.count_nonzero(response.state == PairState.TOUCHES) > 150
+        forces = np.asarray(response.forces).reshape(-1, 4, 3) * unit
+        forces[:, directions] /= unit
+        return forces
+
+    in_metres = forces_in(1.0)
+    error = np.abs(forces_in(1000.0) - in_metres).max(axis=(1, 2))
+    assert (error < 1e-8 * np.abs(in_metres).max(axis=(1, 2), initial=1.0)).all()
 
 
 def test_edges_that_are_free_keep_their_gap_on_the_way() -> None:

@@ -97,6 +97,24 @@ def test_films_hit_solids(kind):
     assert count_intersections(run) == 0
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_cable_that_falls_on_a_ball_stays_outside(comm, friction):
+    radius = 0.02
+    mesh = line(comm, [(-0.05, 0.004, 0.022), (0.05, 0.004, 0.022)], 5)
+    cable = gx.Cable(mesh, gx.CableLaw(EA=1e4, line_density=0.01), velocity=_down, name="cable")
+    block = gx.RigidBody(2e-3, (1e-6, 1e-6, 1e-6), comm=comm)
+    ball = gx.contact.Sphere(centre=(0.0, 0.0, 0.0), radius=radius, body=block)
+    run = simulate(
+        [gx.Contact(cable, ball, distance=5e-4, radius={"cable": 1e-3}, friction=friction)], 4e-3
+    )
+    assert_conserved(run)
+    assert run.totals.losses.get("contact", 0.0) > 0 or friction == 0
+    assert gx.probes.Velocity(block.port(), "z")(run) < -0.1
+    # The middle cell is above the ball, with its nodes far apart: it touches with its inside.
+    assert 0 < contact_set_of(run).closest < 5e-4
+
+
 RAMS = {
     "ball": partial(gx.contact.Sphere, centre=(0, 0, -0.012), radius=0.01),
     "cone": partial(

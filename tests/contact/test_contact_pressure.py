@@ -68,6 +68,22 @@ def test_pressure_is_that_of_the_force_that_the_step_used(comm) -> None:
 
 
 @pytest.mark.mpi
+def test_a_restart_knows_the_force_of_its_state(comm, folder) -> None:
+    def pressed(**options):
+        body = film(comm, 2, height=2e-4, order=1, name="film")
+        floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+        contact = gx.Contact(body, floor, distance=1e-4, stiffness=1e8)
+        run = simulate([contact, gx.Pressure(body, -40.0)], 1e-3, 1e-4, **options)
+        push = gx.probes.ContactForce(contact, body, axis="z")(run)
+        return push, gx.probes.ContactPressure(contact, body)(run)
+
+    assert pressed(checkpoints=gx.Checkpoints(folder / "kept"))[0] > 0
+    push, pressure = pressed(restart=folder / "kept")
+    # The film is flat, of 0.01 m², with the same pressure on all nodes.
+    assert push == pytest.approx(0.01 * pressure, rel=1e-9) and push > 0
+
+
+@pytest.mark.mpi
 def test_pressure_is_zero_where_nothing_touches(comm) -> None:
     one = film(comm, 2, name="one")
     other = film(comm, 2, height=0.01, name="other")

@@ -58,6 +58,23 @@ def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slop
     )
 
 
+@pytest.mark.mpi(1)
+def test_a_film_that_lands_later_has_its_own_stiffness(comm):
+    """Each presses with K (d - z) = σ g: nodes of a fine mesh that land after those of a coarse one
+    stand for their own area."""
+    coarse = film(comm, n=2, height=1.3 * DISTANCE, name="coarse")
+    fine = film(comm, n=4, height=4 * DISTANCE, at=(0.2, 0.0), name="fine")
+    floor = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+    K = 2e3
+    contact = gx.Contact(coarse, fine, floor, distance=DISTANCE, law="penalty", stiffness=K)
+    weights = [gx.Gravity(one, (0, 0, -GRAVITY), name=f"{one.name} g") for one in (coarse, fine)]
+    equilibrium = gx.Equilibrium(gx.Scene(contact, *weights))
+    equilibrium.find()
+    for one in (coarse, fine):
+        heights = equilibrium.system.state[one].positions()[:, 2]
+        assert heights == pytest.approx(DISTANCE - SIGMA * GRAVITY / K, rel=1e-6)
+
+
 RADIUS = 0.05
 LENGTH = 0.02
 PRESSURE = 1000.0

@@ -353,7 +353,8 @@ class Gather:
         ends = itertools.accumulate((some.size for some in indices), initial=0)
         self._parts = list(itertools.pairwise(ends))
         self._values = PETSc.Vec().createSeq(len(needed))
-        source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
+        # Of this rank alone: on several ranks one of PETSc's own communicator would never be freed.
+        source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
         self._scatter = PETSc.Scatter().create(numbering.vector(), source, self._values, None)
 
     def __call__(self, q: PETSc.Vec) -> list[Array]:

@@ -187,10 +187,9 @@ class BlockAssembly:
             self._send_to_owners(coupling, rows, columns)
         else:
             self._keep_all(coupling, rows, columns)
-        is_free = self._numbering.vector()
-        is_free.set(1.0)
-        is_free.array[self._system.supports.held] = 0
-        marks = self._values_at(is_free)
+        free = self._system.free_marks()
+        marks = self._values_at(free)
+        free.destroy()
         of_rows = marks[self._coupling_rows]
         of_columns = marks[self._coupling_columns]
         # Most contacts have few blocks with fixed coordinates, or none.

@@ -71,7 +71,7 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         (term,) = terms
         item = term.item
         _examine_repeated_contacts(term, system)
-        # The system has a mass matrix and supports when contacts are asked for them.
+        # The system has a mass matrix when contacts ask for it.
         whole = cast(ContactAssembly, system)
         own_coefficients = [obstacle.friction for obstacle in item.obstacles]
         of_obstacles = [item.friction if own is None else own for own in own_coefficients]

@@ -53,10 +53,11 @@ class Contact:
         distance: gap d [m] at which contact begins, at most half of the shortest edge; about the
             spacing that packed layers shall keep.
         stiffness: K [N/m³], pressure over closing: k = K d² A of a pair that stands for the area A.
-            None: k = 4 σ v² A of each pair, with the area density σ and the closing speed v, which
-            stops what comes at this speed within d; in an equilibrium k = 10 p d A, with the mean
-            pressure p of the loads or that of the prestress, and ten times as much whenever pairs
-            are closed to a third of d.
+            None: k = 4 σ v² A of each pair, with the area density σ and the closing speed v, at
+            least d/2 in the first step, which stops what comes at this speed within d; in an
+            equilibrium k = 10 p d A, with the mean pressure p of the loads or that of the
+            prestress, and ten times as much whenever pairs are closed to a third of d, or films
+            with a barrier to half of it.
         law: "barrier" or "penalty".
         friction: coefficient μ of Coulomb friction; obstacles may have their own.  The work of
             friction is dissipated, in the ledger under the name of the contact.  An equilibrium has

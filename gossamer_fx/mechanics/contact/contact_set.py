@@ -286,7 +286,9 @@ class ContactSet:
             self._start_time = self.system.time
             self._search_at_rest()
             history.keep_some(np.isin(history.identifier, self.candidates.identifier))
-            self._energy, _ = energy_of_pairs(self.pairs_with_energy(), self.x0, self.law)
+            pairs = self.pairs_with_energy()
+            self._energy, _ = energy_of_pairs(pairs, self.x0, self.law)
+            self.forces.take_state(pairs, self.x0)
         return self._energy if len(history.identifier) else 0.0
 
     def pairs_with_energy(self) -> ActivePairs:
@@ -451,7 +453,7 @@ class ContactSet:
         pairs.stiffness = np.where(has_energy, stiffness, chosen)
         if self._is_static:
             # In statics no energy has to be conserved, and the load may have grown.
-            pairs.stiffness = np.maximum(stiffness, chosen)
+            pairs.stiffness = np.maximum(pairs.stiffness, chosen)
         pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
         self._active = active
         self.pairs = pairs

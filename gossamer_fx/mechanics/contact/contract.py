@@ -26,23 +26,11 @@ class Sides(IntEnum):
     POINT_BOUNDARY = 2  # the point, an origin, two directions
 
 
-class FixedDofs(Protocol):
-    """Which unknowns are prescribed.
-
-    Attributes:
-        held: their positions (k,) in this rank's part of a vector.
-    """
-
-    held: npt.NDArray[np.integer]
-
-
 class ContactAssembly(Assembly, Protocol):
     """The system with what contact needs in addition to other terms.
 
     Attributes:
         M: mass matrix [kg], once the scene is compiled.
-        supports: prescribed unknowns, whose rows of the tangent stay zero.
     """
 
     M: PETSc.Mat
-    supports: FixedDofs

@@ -87,8 +87,8 @@ SHORT_TIME = 1e-3
 # equilibrium, of which a small area may have to carry much.
 STATIC_FACTOR = 10.0
 
-# Mean energy of pairs over their stiffness from which an equilibrium stiffens them: with both laws
-# they are closed to about 0.3 of the activation distance.
+# Mean energy of pairs over their stiffness from which an equilibrium stiffens them: they are closed
+# to about 0.3 of the activation distance, two surfaces with a barrier to 0.56.
 CLOSED_ENERGY = 0.25
 
 # By how much they are stiffened at once, and in all: bodies between rigid boundaries stay closed,

@@ -79,6 +79,12 @@ class StepForces:
         """Set the forces to zero, with a row for each point that this rank knows."""
         self.point_forces: Array = np.zeros((self._points.count, 3))
 
+    def take_state(self, pairs: ActivePairs, x: Array) -> None:
+        """Take the forces of pairs in the state x (m, 3) [m] alone, without friction, in place of
+        those of a step that is not known."""
+        self.clear()
+        evaluate(pairs, x, x, self._law, 1.0, point_forces=self.point_forces)
+
     def set_pairs(self, pairs: ActivePairs, x0: Array) -> None:
         """Take the active pairs of a step, and choose the sparsity pattern of their tangent;
         collective.  The points `x0` (m, 3) [m] are those at the start of the step.

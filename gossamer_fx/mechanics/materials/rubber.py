@@ -25,7 +25,7 @@ Wrinkles.  A film in uniaxial tension along the largest stretch λ1 contracts fr
 In the strain, (2) is convex: tr C is linear, and 1/det C is convex since log det C is concave.  The
 relaxed energy is the smallest W(E + A) with A ≥ 0, thus convex as well, and so is each average
 over a step.  (3) is not: det C is a saddle, and the sum loses its convexity at some equibiaxial
-stretch, 1.38 for C2 = 0.1 C1.  Mooney-Rivlin film therefore has no wrinkled state; it resists
+stretch, 1.39 for C2 = 0.1 C1.  Mooney-Rivlin film therefore has no wrinkled state; it resists
 compression.
 
 Algorithm.  The mean stress of a step is taken by Gauss points, and what they miss of the work is

@@ -65,7 +65,7 @@ class ContactGap:
 @check_arguments
 class ContactForce:
     """Component [N] of the force of a contact on one of its bodies or obstacles: mean of the last
-    step.
+    step; after a restart, until the next step, that of the state alone, without friction.
 
     Args:
         contact: in the scene.

@@ -58,12 +58,16 @@ def rubbing_pairs(kind: int) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
-def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(kind: int) -> None:
+# Weight of the end where normal forces act; friction acts in the middle with each.
+@pytest.mark.parametrize("alpha", [0.5, 1.0])
+def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(
+    kind: int, alpha: float
+) -> None:
     rub, x0, x1 = rubbing_pairs(kind)
 
     def forces(end: np.ndarray) -> np.ndarray:
         found = np.zeros((4 * COUNT, 3))
-        rub.add_forces(FrictionStep(x0, end, CREEP, alpha=0.5), found)
+        rub.add_forces(FrictionStep(x0, end, CREEP, alpha=alpha), found)
         return found.reshape(COUNT, 4, 3)
 
     F = forces(x1)
@@ -79,7 +83,7 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(kind: in
     work = np.einsum("nkc,nkc->n", F, displacement)
     # The work of the resistance, with the sign that the residual takes it.
     assert (work[rubs] > 0).all()
-    step = FrictionStep(x0, x1, CREEP, alpha=0.5)
+    step = FrictionStep(x0, x1, CREEP, alpha=alpha)
     assert work.sum() == pytest.approx(rub.loss(step), rel=1e-12)
 
     blocks = np.zeros((16 * COUNT, 9))

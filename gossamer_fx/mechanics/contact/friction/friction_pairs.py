@@ -485,7 +485,8 @@ class FrictionPairs:
         of_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
         one = self.start.gap_weights[:, :, None] * of_directions[:, None]
         other = of_directions[:, :, None] * self.start.gap_weights[:, None]
-        share = step.alpha * step.geometric_share
+        # The middle of the step, in which friction acts, has half of the end.
+        share = step.geometric_share / 2
         K += share * (one + other)[..., None, None] * np.eye(3)
 
         # The normal force changes, too.

@@ -198,6 +198,7 @@ class CollisionMesh:
         triangles: list[Int32Array] = [np.zeros((0, 3), dtype=np.int32)]
         edge_kinds: list[int] = []
         edge_shapes: list[float] = []
+        has_lines = any(body.space.mesh.topology.dim == 1 for body in self.bodies)
         for k, (boundaries, solids) in enumerate(self._parts):
             number = len(self.bodies) + k
             first = start
@@ -209,11 +210,15 @@ class CollisionMesh:
             for solid in solids:
                 end = start + len(solid.corners)
                 vertices.append(np.arange(start, end, dtype=np.int32))
-                edges.append(np.array(solid.edges, dtype=np.int32).reshape(-1, 2) + start)
+                of_solid = solid.edges
+                # Balls touch films by their triangles, and lines by an edge without length.
+                if has_lines and not of_solid:
+                    of_solid = tuple((corner, corner) for corner in range(len(solid.corners)))
+                edges.append(np.array(of_solid, dtype=np.int32).reshape(-1, 2) + start)
                 triangles.append(np.array(solid.triangles, dtype=np.int32).reshape(-1, 3) + start)
                 self.radius[start:end] = solid.radius
-                edge_kinds += [solid.edge_stencil.number] * len(solid.edges)
-                edge_shapes += [solid.edge_shape] * len(solid.edges)
+                edge_kinds += [solid.edge_stencil.number] * len(of_solid)
+                edge_shapes += [solid.edge_shape] * len(of_solid)
                 start = end
             if self._has_frame[k]:
                 self.frames[k] = start

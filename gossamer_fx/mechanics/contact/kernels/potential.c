@@ -141,17 +141,26 @@ static void change_of_measures(const pair_step *pair, const pair_vectors *middle
     }
 }
 
-/* 1 over the squared size of each measure (3): of r.r that is the width, of a.a and b.b their mean in
-   the step.  `length_rates` are the relative changes of these lengths by those measures at the end. */
+/* 1 over the squared size of each measure (3): of r.r that is its change over the range of the
+   energy, of a.a and b.b their mean in the step.  `length_rates` are the relative changes of these
+   lengths by those measures at the end. */
 static void weights_of_measures(const pair_step *pair, double weight[6], double length_rates[3])
 {
+    const stencil *of = pair->frame.of;
     double start[6], end[6], squared_length[3] = {pair->width, 0, 0};
+    if (of->is_linear) { /* s may be a distance [m] */
+        const double near = of->length_of(pair->offset);
+        const double far = of->length_of(pair->offset + pair->width);
+        squared_length[0] = fabs(far * far - near * near);
+    }
+    /* not zero where a side has no length; boundaries have unit vectors for sides, or none */
+    const double smallest = is_boundary(of) ? 1 : squared_length[0];
     measures_of(&pair->start, start);
     measures_of(&pair->end, end);
     length_rates[0] = 0;
     for (int i = 1; i < 3; ++i) {
         const int m = MEASURE_OF[i][i];
-        squared_length[i] = pair->width + (start[m] + end[m]) / 2;
+        squared_length[i] = smallest + (start[m] + end[m]) / 2;
         length_rates[i] = 0.5 / squared_length[i];
     }
     for (int m = 0; m < 6; ++m)
