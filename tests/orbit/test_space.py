@@ -238,6 +238,8 @@ def test_moon_and_axes_of_the_earth() -> None:
     assert error < 2.5
     error = abs(math.degrees(math.asin(noon[2] / np.linalg.norm(noon))))
     assert error < 0.5
+    elsewhere = Sky("2026-03-20T14:00:00+02:00")
+    assert np.array_equal(elsewhere.sun(0.0), sky.sun(0.0))
     with pytest.raises(gx.InputError, match="epoch"):
         Sky("next Tuesday")
 

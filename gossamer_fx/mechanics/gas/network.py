@@ -577,14 +577,17 @@ def _passages(
             _boundary_gas(opening.a, opening.b, contents),
             _boundary_gas(opening.b, opening.a, contents),
         )
+        carried = getattr(opening, "gas", None)
         rows = []
         for source, gas in zip(ends, gases, strict=True):
-            species = gas.species if gas is not None else contents.held(source)
+            found_gas = carried or gas
+            species = found_gas.species if found_gas is not None else contents.held(source)
             rows.append([contents.numbers(target, species) for target in ends])
         passage = Passage(
             opening=opening,
             ends=ends,
             gases=gases,
+            carried=carried,
             rows=rows,
             aperture=opening.aperture(geometry),
             is_driven=isinstance(opening, DrivenOpening),
