@@ -26,6 +26,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.point_measures import attach
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -360,10 +361,8 @@ class _CompiledPiston:
         """Compute the gradient of the volume, area times direction [m²], in this rank's
         unknowns."""
         self._system = system
-        port = piston.port
-        # A port is a weighted sum of nodes; the position is the first three numbers of a node.
-        indices = system.block(port.body).to_global(np.array(port.nodes))[:, :3]
-        entries = np.outer(port.weights, piston.area * piston.direction)
+        indices, P, _ = attach(system.numbering, system.bodies, [piston.port])
+        entries = piston.area * piston.direction @ P
         start, end = system.q0.getOwnershipRange()
         mine = (indices >= start) & (indices < end)
         self._gradient = np.zeros(end - start)

@@ -37,6 +37,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
+    MIN_REMAINING_SHARE,
     End,
     HeatPath,
     Passage,
@@ -65,10 +66,6 @@ if TYPE_CHECKING:
 ADIABATIC = "adiabatic"
 ISOTHERMAL = "isothermal"
 HELD_PRESSURE = "held pressure"
-PROCESSES = (ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
-
-# A guess of y falls at most to this share of the last solution: pressures and masses stay positive.
-MIN_REMAINING_SHARE = 0.1
 
 
 class GasNetwork(ScalarUnknowns):

@@ -65,8 +65,7 @@ class ForceInTime:
         self.factor = 1.0
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        # Once a step, also for a force on many points: the user's function is asked on rank 0 only,
-        # which costs a broadcast.
+        # Once a step, also for a force on many points: that all ranks compare costs a message.
         if t + lag != self._time:
             self._time = t + lag
             self._now = at_time(self._comm, self._name, self._value, self._time)
