@@ -343,7 +343,8 @@ class Balance:
                     continue
                 p, T, gas = at_ends[side]
                 upstream, by_pressure = _slopes(passage, at_ends, side, (p + STEP, T, gas))
-                _, by_temperature = _slopes(passage, at_ends, side, (p, T + STEP, gas))
+                # At equal pressures round-off decides from where gas comes: once for all slopes.
+                _, by_temperature = _slopes(passage, at_ends, side, (p, T + STEP, gas), upstream)
                 # ∂T/∂(p1 V) of (3); T falls with the mass of a species by T R times this.
                 T_by_pV = 1 / mass_times_R[k]
                 by_masses = [
@@ -351,7 +352,9 @@ class Balance:
                     for row in self.contents.rows[k]
                 ]
                 if len(by_masses) > 1:
-                    self._add_blend_slopes(by_masses, passage, at_ends, side, self._flow_masses(y))
+                    self._add_blend_slopes(
+                        by_masses, passage, at_ends, side, upstream, self._flow_masses(y)
+                    )
                 rows_at_ends = passage.rows[upstream]
                 for end, sign, rows in zip(
                     passage.ends, (-self.h, self.h), rows_at_ends, strict=True
@@ -376,6 +379,7 @@ class Balance:
         passage: Passage,
         at_ends: tuple[State, State],
         side: int,
+        upstream: int,
         flow_masses: Array,
     ) -> None:
         """Add the derivatives of the flows at a chamber with a mixture by the masses (s,) of the
@@ -389,7 +393,7 @@ class Balance:
             amounts: list[Number] = list(masses)
             amounts[position] += STEP
             blend = Blend(gas.species, amounts, gas.name)
-            _, slopes = _slopes(passage, at_ends, side, (p, T, blend))
+            _, slopes = _slopes(passage, at_ends, side, (p, T, blend), upstream)
             for target, slope in enumerate(slopes):
                 sums[target] += self._weights[k] * slope
 
@@ -561,27 +565,33 @@ def _state_at(end: Any, gas: Gas | None, states: list[State]) -> State:
 
 
 def _flows(
-    passage: Passage, at_ends: tuple[State, State]
+    passage: Passage, at_ends: tuple[State, State], upstream: int | None = None
 ) -> tuple[int, Sequence[Number], Number, Number]:
-    """Return the end from which the gas comes, 0 or 1, its mass fractions, and mass flow [kg/s] and
-    enthalpy flow [W] from the first to the second end of an opening; the gas has the temperature of
-    the end it comes from, and its mixture unless the opening carries one gas alone."""
+    """Return the end from which the gas comes, 0 or 1, `upstream` if that is given, its mass
+    fractions, and mass flow [kg/s] and enthalpy flow [W] from the first to the second end of an
+    opening; the gas has the temperature of the end it comes from, and its mixture unless the
+    opening carries one gas alone."""
     (p_a, T_a, gas_a), (p_b, T_b, gas_b) = at_ends
     mass_flow = passage.opening.flow((gas_a, gas_b), passage.area, (p_a, p_b), (T_a, T_b))
-    upstream = 0 if mass_flow.real >= 0 else 1
+    if upstream is None:
+        upstream = 0 if mass_flow.real >= 0 else 1
     _, T, gas = at_ends[upstream]
     gas = passage.carried or gas
     return upstream, gas.fractions, mass_flow, gas.enthalpy(T) * mass_flow
 
 
 def _slopes(
-    passage: Passage, at_ends: tuple[State, State], side: int, changed: State
+    passage: Passage,
+    at_ends: tuple[State, State],
+    side: int,
+    changed: State,
+    upstream: int | None = None,
 ) -> tuple[int, list[Number]]:
     """Return the end from which the gas comes, and the derivatives of the energy flow [W] and of
     the mass flow of each species [kg/s] of a passage by the quantity of one end to which a complex
     step was added, exact to round-off."""
     varied = (changed, at_ends[1]) if side == 0 else (at_ends[0], changed)
-    upstream, fractions, mass_flow, energy_flow = _flows(passage, varied)
+    upstream, fractions, mass_flow, energy_flow = _flows(passage, varied, upstream)
     slopes = [energy_flow.imag / COMPLEX_STEP]
     slopes += [(Y * mass_flow).imag / COMPLEX_STEP for Y in fractions]
     return upstream, slopes
