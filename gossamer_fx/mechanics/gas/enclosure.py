@@ -451,20 +451,19 @@ def label_components(table: EdgeTable, cells: Cells) -> Array:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    index_map = table.domain.topology.index_map(2)
+    topology = table.domain.topology
+    index_map = topology.index_map(2)
     comm = table.domain.comm
     local_count = index_map.size_local + index_map.num_ghosts
-    is_of_surface = np.zeros(local_count, dtype=bool)
-    is_of_surface[cells] = True
 
-    # Triangles of the surface are neighbours where they share an edge.
-    has_both = (table.cells >= 0).all(axis=1)
-    pairs = table.cells[has_both]
-    pairs = pairs[is_of_surface[pairs].all(axis=1)]
-    ones = np.ones(len(pairs), dtype=np.int8)
-    entries = (ones, (pairs[:, 0], pairs[:, 1]))
-    neighbours = coo_array(entries, shape=(local_count, local_count))
-    count, component = connected_components(neighbours, directed=False)
+    # Triangles of the surface are connected by the edges that they share.  (The table has two
+    # triangles of an edge; where chambers share a wall there are three.)
+    edges = topology.connectivity(2, 1).array.reshape(-1, 3)[cells].ravel()
+    entries = (np.ones(len(edges), dtype=np.int8), (np.repeat(cells, 3), local_count + edges))
+    size = local_count + len(table.count)
+    graph = coo_array(entries, shape=(size, size))
+    count, component = connected_components(graph, directed=False)
+    component = component[:local_count]
 
     local_cells = np.arange(local_count, dtype=np.int32)
     labels = la.vector(index_map)
