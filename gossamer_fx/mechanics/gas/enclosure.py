@@ -26,7 +26,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.algebra.point_measures import attach
+from gossamer_fx.core.algebra.point_measures import attach, translation_weight
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -307,7 +307,7 @@ class Piston:
         direction: n, the direction in which the volume grows; need not be of unit length.
 
     Raises:
-        InputError: the area is not positive or the direction has no length.
+        InputError: the area is not positive, the direction has no length, or the port is one.
 
     Example:
         >>> piston = gx.gas.Piston(mass.port(), area=0.01, direction=(1.0, 0.0, 0.0))
@@ -325,6 +325,10 @@ class Piston:
     ) -> None:
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."
+        )
+        check(
+            bool(np.isclose(translation_weight(port), 1.0)),
+            "Piston: its port is not a point of a body; give one, as body.port().",
         )
         self.port = port
         self.area = area

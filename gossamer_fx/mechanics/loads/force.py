@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.algebra.point_measures import translation_weight
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
@@ -144,6 +145,11 @@ class Force:
 
     def __post_init__(self) -> None:
         check(bool(self._ports), f"Force '{self.name}': there is no port; give one or several.")
+        check(
+            bool(np.isclose([translation_weight(port) for port in self._ports], 1.0).all()),
+            f"Force '{self.name}': a port is not a point of a body; "
+            "give points, as film.port('tip'), and a Torque on directions.",
+        )
 
     @property
     def _ports(self) -> Sequence[Port]:
