@@ -415,6 +415,10 @@ class GasNetwork(ScalarUnknowns):
 
         return GasAdjoint(self)
 
+    def repeats(self, history: dict[str, Any]) -> bool:
+        is_open = [passage.is_open for passage, _ in self._switches]
+        return bool(is_open == history["open"])
+
     def exchange_ends(self) -> None:
         """Evaluate the geometry in the reversed step, which starts at the end of the present one.
         Collective."""
