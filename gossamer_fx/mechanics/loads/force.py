@@ -95,14 +95,6 @@ def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
     return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
 
 
-class ConstantTorque(Couple):
-    """Torque (3,) in space axes that never changes."""
-
-    def __init__(self, torque: Array) -> None:
-        super().__init__()
-        self.torque = torque
-
-
 class TorqueInTime(Couple):
     """Torque (3,) in space axes as a function of time, taken where forces act, e.g. at the middle
     of the step."""
@@ -210,5 +202,6 @@ class Torque:
             comm = next(iter(self.requires())).comm
             law = TorqueInTime(comm, self.name, value)
         else:
-            law = ConstantTorque(np.asarray(value, dtype=float))
+            law = Couple()
+            law.torque = np.asarray(value, dtype=float)
         yield PointLoad(self.name, vectors, law)
