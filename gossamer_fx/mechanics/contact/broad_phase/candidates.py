@@ -16,7 +16,6 @@ their primitives may be near.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -287,7 +286,9 @@ class CandidateSearch:
         # Steps for which the next search is made, and steps since the last one.
         self._horizon = FIRST_HORIZON
         self._age = 0
-        self._fewest = math.inf  # number of candidates, of all ranks, in a search
+        # Primitives and candidates of all ranks in the last search, and the fewest in one.
+        self._size = 0
+        self._least_size = 0
         # The longest horizon, up to a number of searches.
         self._longest = MAX_HORIZON
         self._next_trial = 0
@@ -311,6 +312,7 @@ class CandidateSearch:
 
         self._choose_horizon()
         self._find(at_rest)
+        self._least_size = self._size
 
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance in the present
@@ -349,17 +351,18 @@ class CandidateSearch:
 
     def _choose_horizon(self) -> None:
         """Choose for how many steps the next search serves, from how many the last one did and how
-        many candidates it found; collective."""
+        many candidates it found."""
         if not self._age:
             return
         horizon = self._horizon
-        found = self._mesh.comm.allreduce(len(self.pairs))
-        # Layers may have come together since fewer were found.
-        self._fewest = found if horizon == 1 else min(self._fewest, found)
+        self._least_size = min(self._least_size, self._size)
+        if horizon == 1:
+            # Layers may have come together since there were fewer.
+            self._least_size = self._size
         # Time of a step with this horizon, and with half of it if that finds the fewest candidates,
         # in units of the time that one takes in a search.
-        cost = found * (1 / horizon + STEP_COST)
-        if cost > self._fewest * (2 / horizon + STEP_COST):
+        time = self._size * (1 / horizon + STEP_COST)
+        if time > self._least_size * (2 / horizon + STEP_COST):
             self._longest = horizon // 2
             self._next_trial = self.count + PATIENCE
         elif self.count >= self._next_trial:
@@ -394,6 +397,8 @@ class CandidateSearch:
         self.pairs, self._pair_counts = find_candidates(
             mesh, bounds, self._activation_distance, self._pair_counts
         )
+        primitive_count = len(mesh.own_vertices) + len(mesh.own_edges)
+        self._size = mesh.comm.allreduce(primitive_count + len(self.pairs))
         self.bounds = bounds
         self._age = 0
         self.count += 1
