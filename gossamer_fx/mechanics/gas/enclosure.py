@@ -365,7 +365,7 @@ class _CompiledPiston:
         """Compute the gradient of the volume, area times direction [m²], in this rank's
         unknowns."""
         self._system = system
-        indices, P, _ = attach(system.numbering, system.bodies, [piston.port])
+        indices, P, _ = attach(system.numbering, system.bodies, (piston.port,))
         entries = piston.area * piston.direction @ P
         start, end = system.q0.getOwnershipRange()
         mine = (indices >= start) & (indices < end)
