@@ -16,6 +16,7 @@ from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optic
 from gossamer_fx.mechanics.orbit.sky import (
     AU,
     MU_MOON,
+    MU_SUN,
     SUN_RADIUS,
     Sky,
     sunlit_in_cone,
@@ -238,8 +239,18 @@ def test_moon_and_axes_of_the_earth() -> None:
     assert error < 2.5
     error = abs(math.degrees(math.asin(noon[2] / np.linalg.norm(noon))))
     assert error < 0.5
+    elsewhere = Sky("2026-03-20T14:00:00+02:00")
+    assert np.array_equal(elsewhere.sun(0.0), sky.sun(0.0))
     with pytest.raises(gx.InputError, match="epoch"):
         Sky("next Tuesday")
+
+
+def test_the_sun_as_the_centre_casts_no_shadow() -> None:
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(AU), mu=MU_SUN, sun=(0.0, 0.0, 0.0))
+    r, _ = orbit.state
+    assert orbit.light(r, 0.0)[1] == pytest.approx(orbit.pressure, rel=1e-12)
+    with pytest.raises(gx.InputError, match="casts no shadow"):
+        orbit.depth(r, 0.0)
 
 
 def test_third_bodies_by_the_plain_formula() -> None:

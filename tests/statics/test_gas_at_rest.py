@@ -77,6 +77,18 @@ def test_two_chambers_and_a_way_with_a_detour(comm):
         assert position == pytest.approx(exact_position(stiffness, 1.4), rel=1e-8)
 
 
+def test_nothing_flows_between_pressures_that_are_held(comm):
+    """A bottle is open to the piston: both keep their pressures, and k x = p A."""
+    mass, chamber, *springs = piston_on_a_spring(comm, 1e3)
+    bottle = gx.Tank(1e-3, gas=AIR, pressure=2e5, temperature=300.0, name="bottle")
+    scene = gx.Scene(mass, chamber, *springs, gx.Orifice(bottle, chamber, area=1e-6))
+    equilibrium = gx.Equilibrium(scene, gas="held pressure")
+    equilibrium.find()
+    assert equilibrium.chamber("bottle").pressure == pytest.approx(2e5, rel=1e-12)
+    assert equilibrium.chamber("chamber 0").pressure == pytest.approx(P0, rel=1e-12)
+    assert gx.probes.Position(mass.port(), "x")(equilibrium) == pytest.approx(P0 * AREA / 1e3)
+
+
 def drum(comm, thickness: float) -> tuple[gx.Equilibrium, gx.Chamber]:
     """A film over a closed box of gas, which bulges into thinner air, at its equilibrium."""
     film = gx.Membrane(

@@ -245,6 +245,18 @@ def test_effective_masses(comm):
     assert largest == pytest.approx(2 / 0.028**0.5, rel=1e-3)
 
 
+@pytest.mark.mpi
+def test_effective_inertia_is_about_the_centre_of_all_mass(comm):
+    """The mode (1, 1) turns a drum from 0 to 1 m about no axis through its centre, where no node
+    may move along x or y, either."""
+    film = gx.Membrane(sheet(comm, 4, 4), TENSIONED, initial_stress=N0 / THICKNESS)
+    supports = [gx.Fixed(film, edge) for edge in EDGES]
+    supports.append(gx.Fixed(film, "film", components=(0, 1)))
+    first = modes(at_rest(film, *supports), 1)[0]
+    assert first.effective_mass[2] > 0.01
+    assert first.effective_inertia == pytest.approx([0, 0, 0], abs=1e-9)
+
+
 def test_slack_film_has_no_frequencies_that_can_be_trusted(comm, caplog):
     film = gx.Membrane(sheet(comm, 3, 3), TENSIONED, displacement=lambda X: -1e-3 * X)
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left")))

@@ -50,6 +50,27 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
     assert run.chamber("chamber").volume > 1e-3 + 1e-5
 
 
+def test_a_piston_is_the_point_of_a_rigid_body_and_turns_it():
+    """A point off the centre of a body that spins: V = V0 + A n·(x - x0), and the angular momentum
+    gains the moment of the force, x × p A n."""
+    body = gx.RigidBody(2.0, (0.1, 0.2, 0.3), spin=(0.5, 2.0, 0.3))
+    port = body.port((0.3, 0.2, 0.1))
+    piston = gx.gas.Piston(port, 0.01, direction=(0.0, 0.0, 1.0))
+    bag = gx.Chamber(piston, gas=AIR, pressure=1e3, temperature=300.0, dead_volume=1e3)
+    dt = 1e-2
+    run = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=dt))
+    before = run.totals.angular_momentum
+    position = [gx.probes.Position(port, axis) for axis in "xyz"]
+    start = np.array([probe(run) for probe in position])
+    run.run(until=dt)
+    end = np.array([probe(run) for probe in position])
+    assert run.chamber("chamber").volume - 1e3 == pytest.approx(0.01 * (end - start)[2], rel=1e-8)
+    moment = np.cross((start + end) / 2, (0.0, 0.0, 0.01 * 1e3))
+    gained = run.totals.angular_momentum - before
+    assert gained == pytest.approx(dt * moment, rel=1e-6)
+    assert abs(run.energy_error) < 1e-13
+
+
 # ---- derivatives ---------------------------------------------------------------------------------
 
 

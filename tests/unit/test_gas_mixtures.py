@@ -199,6 +199,19 @@ def driven_piston(comm, area=2e-5, fraction=0.3):
     )
 
 
+def test_a_mixture_is_filled_to_the_pressure_of_its_supply():
+    """An almost empty tank takes γ times the temperature of the supply, up to where round-off
+    decides in which direction gas flows."""
+    vessel = tank(0.01, 1.0, EQUAL, "vessel")
+    supply = gx.gas.Ambient(1e7, 300.0, gas=NITROGEN, name="supply")
+    run = run_of(gx.Orifice(supply, vessel, area=1e-2), dt=1.0)
+    run.run(until=5.0)
+    state = run.chamber("vessel")
+    assert state.pressure == pytest.approx(1e7, rel=1e-9)
+    assert state.temperature == pytest.approx(NITROGEN.gamma * 300.0, rel=1e-6)
+    assert abs(run.mass_error) < 1e-13 and abs(run.energy_error) < 1e-13
+
+
 def test_energy_and_each_species_over_a_thousand_steps():
     run = gx.Simulation(driven_piston(MPI.COMM_SELF), gx.Midpoint(dt=1e-3))
     gases = (HELIUM, NITROGEN)

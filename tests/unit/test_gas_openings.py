@@ -147,6 +147,16 @@ def test_gradients_by_the_area_of_a_valve_are_those_of_differences():
     assert found < 0
 
 
+def test_a_valve_that_an_event_opens_has_no_gradient():
+    vessel = tank(2e5)
+    valve = gx.gas.Valve(vessel, OUTSIDE, area=1e-5, name="late")
+    run = run_of(valve, dt=0.01, events=[gx.At(0.02, valve.open)])
+    tape = gx.analysis.RunTape(run)
+    run.run(until=0.05)
+    with pytest.raises(gx.StepFailure, match="event opened"):
+        gx.analysis.gradient(tape, of=gx.analysis.ChamberPressure(vessel), by=["late.area"])
+
+
 def test_a_valve_that_closes_above_its_opening_is_refused():
     with pytest.raises(gx.InputError, match="closes at 30000"):
         relief(tank(1e5), closes=3e4)

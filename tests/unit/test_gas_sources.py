@@ -211,6 +211,43 @@ def test_the_partial_pressure_of_the_vapour_counts():
     assert closes(run)
 
 
+@pytest.mark.parametrize(("area", "dt"), [(1e-3, 0.1), (1.0, 10.0)])
+def test_vapour_condenses_without_the_other_gas(area, dt):
+    """From 249 Pa in nitrogen the vapour falls to its own vapour pressure, also in steps of 5000
+    times the time of the fall, and all nitrogen stays."""
+    vessel = tank(1e4, gx.gas.Mixture({NITROGEN: 0.9, VAPOUR: 0.1}))
+    powder = gx.gas.Sublimation(vessel, gas=VAPOUR, pressure=100.0, temperature=300.0, area=area)
+    run = run_of(powder, gx.gas.WallHeat(vessel, 10.0, temperature=300.0), dt=dt)
+    state = run.chamber("tank")
+    nitrogen = state.mass_of(NITROGEN)
+    run.run(until=20.0)
+    partial = state.mass_of(VAPOUR) * VAPOUR.R * state.temperature / state.volume
+    assert partial == pytest.approx(100.0, rel=1e-6)
+    assert state.mass_of(NITROGEN) == nitrogen
+    assert closes(run)
+
+
+@pytest.mark.parametrize(("number", "value"), [("area", 1e-4), ("accommodation", 0.5)])
+def test_gradients_of_a_powder_are_those_of_differences(number, value):
+    def of(factor):
+        vessel = tank(1e4, gx.gas.Mixture({NITROGEN: 0.9, VAPOUR: 0.1}))
+        numbers = {"area": 1e-4, "accommodation": 0.5}
+        numbers[number] *= factor
+        powder = gx.gas.Sublimation(
+            vessel, gas=VAPOUR, pressure=100.0, temperature=300.0, **numbers
+        )
+        run = run_of(powder, dt=0.1)
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.5)
+        return tape, gx.analysis.ChamberPressure(vessel), run.chamber("tank").pressure
+
+    tape, pressure, _ = of(1.0)
+    key = f"powder.{number}"
+    found = gx.analysis.gradient(tape, of=pressure, by=[key])[key].values[0]
+    difference = (of(1.001)[2] - of(0.999)[2]) / (0.002 * value)
+    assert found == pytest.approx(difference, rel=1e-6)
+
+
 def test_vapour_pressures_of_water_are_those_of_the_tables():
     """Antoine's coefficients of water by Stull, Ind. Eng. Chem. 39 (1947) 517 (bar, 256 to 373 K)
     against the 47.39 kPa of the steam tables at 80 °C; and the slope of Clausius and Clapeyron."""

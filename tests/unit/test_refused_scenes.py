@@ -227,6 +227,8 @@ SUPPORTS_AND_LOADS: list[Case] = [
     (lambda: loaded(lambda sail: gx.loads.EdgeMoment(sail, "left", moment=1.0)), "EdgeMoment"),
     (lambda: gx.loads.EdgeLoad(branched(), "seam", force=(1.0, 0.0, 0.0)), "several sheets meet"),
     (lambda: gx.loads.EdgeLoad(branched(), "seam", normal_force=1.0), "several sheets meet"),
+    (lambda: gx.loads.Force(body().vector(1), (1.0, 0.0, 0.0)), "not a point"),
+    (lambda: gx.gas.Piston(body().vector(1), 1e-2, direction=Z), "not a point"),
     (lambda: control(axes=((1, 0), (0, 1), (0, 0))), "axes"),
     (lambda: control(axes=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "right-handed"),
 ]

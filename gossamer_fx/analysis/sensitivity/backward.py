@@ -203,6 +203,12 @@ class BackwardSteps:
         h = end.h
         self._tape.restore(start)
         y = system.begin_recorded_step(h, end.active_sets)
+        for scalars, history in zip(system.scalar_unknowns, end.scalars, strict=True):
+            if not scalars.repeats(history):
+                raise StepFailure(
+                    f"gradient: the step from t = {start.time:.9g} s cannot be repeated: a valve "
+                    "that an event opened or closed has no gradient."
+                )
         system.set_inertia(2 / h**2)
         self._end_at(start, end)
         # On several ranks pairs of contact are not recorded but searched for, about the predicted

@@ -43,7 +43,7 @@ class Equilibrium:
     Openings between chambers flow and damping resists in the pseudo-time of the continuation; at
     equilibrium both have ceased.  The gas of a closed chamber changes from its initial state by the
     process `gas`: "adiabatic" as in a run, so that it cools while a film unfolds; "isothermal", its
-    temperature is constant; "held pressure", a blower holds its pressure.
+    temperature is constant; "held pressure", a blower holds its pressure, and nothing flows.
 
     Args:
         scene: its initial state is the first guess; its initial velocities are ignored.

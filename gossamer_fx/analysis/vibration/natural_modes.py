@@ -181,7 +181,7 @@ class Mode:
 
     φ is scaled to the modal mass φᴴMφ = 1 kg; of a mode at rest it is real, with its largest
     component positive.  With the rigid motions r of the scene, translations along x, y, z and
-    rotations about the axes through the centre of mass,
+    rotations about the axes through its centre of mass,
 
         participation     Γ = rᵀ M φ/(φᴴ M φ)
         effective mass    |rᵀ M φ|²/(φᴴ M φ)
@@ -470,23 +470,25 @@ class ModalMasses:
         is_position = system.position_marks
         q = system.q0.array_r[: self._size].reshape(-1, 3)
         translations = [np.multiply.outer(is_position, axis) for axis in np.eye(3)]
-        masses = np.array([self._times_mass(r).reshape(-1, 3) for r in translations])
-        # Mass and first moments: rows of M times translations, by the positions.
-        mass = self._sum(masses[0][:, 0] * is_position)
-        moments = [self._sum(masses[0][:, 0] * is_position * q[:, i]) for i in range(3)]
+        masses = [self._times_mass(self._M, r).reshape(-1, 3) for r in translations]
+        # Mass and first moments of the whole scene, also where coordinates are fixed
+        along_x = self._times_mass(system.M, translations[0]).reshape(-1, 3)[:, 0] * is_position
+        mass = self._sum(along_x)
+        moments = [self._sum(along_x * q[:, i]) for i in range(3)]
         centre: Array = np.zeros(3)
         if mass > 0:
             centre = np.array(moments) / mass
         arms = q - np.multiply.outer(is_position, centre)
-        rotations = [self._times_mass(np.cross(axis, arms)).reshape(-1, 3) for axis in np.eye(3)]
-        return np.concatenate([masses, np.array(rotations)]).reshape(6, -1)
+        turned = [np.cross(axis, arms) for axis in np.eye(3)]
+        masses += [self._times_mass(self._M, r).reshape(-1, 3) for r in turned]
+        return np.array(masses).reshape(6, -1)
 
-    def _times_mass(self, values: Array) -> Array:
-        """M times a vector of this rank's coordinates, of any shape; flattened."""
+    def _times_mass(self, M: PETSc.Mat, values: Array) -> Array:
+        """A mass matrix times a vector of this rank's coordinates, of any shape; flattened."""
         vector = self._system.numbering.vector()
         vector.array[: self._size] = values.ravel()
-        product = self._M.createVecLeft()
-        self._M.mult(vector, product)
+        product = M.createVecLeft()
+        M.mult(vector, product)
         return np.array(product.array_r[: self._size])
 
     def _sum(self, values: Array) -> float:
@@ -501,7 +503,8 @@ class ModalMasses:
         if not is_turning:
             shape = shape * np.conj(self._phase(shape))
         coordinates = shape[: self._size]
-        momentum = self._times_mass(coordinates.real) + 1j * self._times_mass(coordinates.imag)
+        momentum = self._times_mass(self._M, coordinates.real).astype(complex)
+        momentum += 1j * self._times_mass(self._M, coordinates.imag)
         modal_mass = float(comm.allreduce(np.vdot(coordinates, momentum).real))
         if modal_mass > 0:
             shape /= math.sqrt(modal_mass)

@@ -147,8 +147,8 @@ class GasAdjoint:
         for passage in self._passages:
             opening = passage.opening
             if isinstance(opening, Discharge):
-                if isinstance(getattr(opening, "discharge_coefficient", None), int | float):
-                    units[id(opening), "discharge_coefficient"] = ""
+                if name := _factor_of(opening):
+                    units[id(opening), name] = ""
                 if isinstance(opening.area, int | float):
                     units[id(opening), "area"] = "m²"
                 elif callable(opening.area):
@@ -284,11 +284,9 @@ class GasAdjoint:
             if not isinstance(opening, Discharge):
                 continue
             coefficient = 1.0
-            given = getattr(opening, "discharge_coefficient", None)
-            if isinstance(given, int | float):
-                coefficient = given
-                by_coefficient = derivative * passage.area / coefficient
-                self._add(opening, "discharge_coefficient", by_coefficient)
+            if name := _factor_of(opening):
+                coefficient = getattr(opening, name)
+                self._add(opening, name, derivative * passage.area / coefficient)
             if isinstance(opening.area, Ring | FilmArea):
                 area = self._network.geometry.area(opening.area)
                 gradient = area.aperture_gradient(self._h)
@@ -339,9 +337,8 @@ class GasAdjoint:
             by_position -= self._to_volumes[k] * of_volume
             by_position += self._to_swept[k] * of_swept
         for area, gradient, factor in self._to_areas:
-            # The vectors are those of all unknowns, of which the film has some.
-            area.add_own(by_position, 0, factor * gradient)
-            area.add_own(by_velocity, 0, self._h / 2 * factor * gradient)
+            area.add_own(by_position, factor * gradient)
+            area.add_own(by_velocity, self._h / 2 * factor * gradient)
 
     def add_energy_derivative(self, share: float) -> None:
         """Add the derivative of the internal energy U of the chambers in the present state, times a
@@ -400,6 +397,14 @@ def _constant(area: Number) -> Any:
 def _constant_wall(temperature: Number, conductance: Number) -> Any:
     """A `WallState` of constant temperature [K] and conductance [W/K]."""
     return lambda h: (temperature, lambda T: conductance)
+
+
+def _factor_of(opening: Discharge) -> str:
+    """Name of the number by which the area of an opening is multiplied; empty if it has none."""
+    for name in ("discharge_coefficient", "accommodation"):
+        if isinstance(getattr(opening, name, None), int | float):
+            return name
+    return ""
 
 
 def _coefficient_of(wall: Wall) -> tuple[str, str]:

@@ -14,9 +14,9 @@ upstream (c_p T_up for constant specific heats):
     m1 = m0 + h Σ ±Y_up ṁ       for each species                                  (1)
     U1 = U0 + h Σ ±h_up ṁ + h Q - p̄ W,      p̄ = (p0 + p1)/2                      (2)
 
-Flows are taken at the pressures, temperatures and masses
+Flows are taken at the pressures, temperatures and mass fractions of
 
-    p_θ = p0 + θ (p1 - p0),      T = (p0 V0 + p1 V1)/Σ (m0 + m1) R,      m0 + m1  (3)
+    p_θ = p0 + θ (p1 - p0),   T = (p0 V0 + p1 V1)/Σ (m0 + m1) R,   m0 + θ (m1 - m0)  (3)
 
 Idea.  The weight θ of each chamber blends two rules:
 
@@ -50,6 +50,7 @@ all species in all chambers (s,), s = n for one gas; units are SI.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -121,6 +122,7 @@ class Passage:
         opening: the item of the scene.
         ends: numbers of chambers, or boundaries.
         gases: the gases of boundaries; None at chambers.
+        carried: the only gas that it carries; None: that of the end from which the flow comes.
         rows: `rows[u][e]` are, for gas that comes from the end u, the numbers of its species at the
             end e: positions among the masses of a chamber, or among all species for a boundary.
         aperture: effective area as a function of step length and time.
@@ -133,6 +135,7 @@ class Passage:
     opening: Opening
     ends: tuple[End, End]
     gases: tuple[Gas | None, Gas | None]
+    carried: Gas | None
     rows: list[list[list[int]]]
     aperture: Aperture
     area: Number = 0.0
@@ -257,8 +260,7 @@ class Balance:
         states = self._flow_states(y, V)
         for passage in self.passages:
             at_ends = _at_ends(passage, states)
-            upstream, mass_flow, energy_flow = _flows(passage, at_ends)
-            fractions = at_ends[upstream][2].fractions
+            upstream, fractions, mass_flow, energy_flow = _flows(passage, at_ends)
             openings.append(mass_flow.real)
             rows_at_ends = passage.rows[upstream]
             for end, sign, rows in zip(passage.ends, (-1, 1), rows_at_ends, strict=True):
@@ -341,7 +343,8 @@ class Balance:
                     continue
                 p, T, gas = at_ends[side]
                 upstream, by_pressure = _slopes(passage, at_ends, side, (p + STEP, T, gas))
-                _, by_temperature = _slopes(passage, at_ends, side, (p, T + STEP, gas))
+                # At equal pressures round-off decides from where gas comes: once for all slopes.
+                _, by_temperature = _slopes(passage, at_ends, side, (p, T + STEP, gas), upstream)
                 # ∂T/∂(p1 V) of (3); T falls with the mass of a species by T R times this.
                 T_by_pV = 1 / mass_times_R[k]
                 by_masses = [
@@ -349,7 +352,9 @@ class Balance:
                     for row in self.contents.rows[k]
                 ]
                 if len(by_masses) > 1:
-                    self._add_blend_slopes(by_masses, passage, at_ends, side, total_mass)
+                    self._add_blend_slopes(
+                        by_masses, passage, at_ends, side, upstream, self._flow_masses(y)
+                    )
                 rows_at_ends = passage.rows[upstream]
                 for end, sign, rows in zip(
                     passage.ends, (-self.h, self.h), rows_at_ends, strict=True
@@ -374,22 +379,23 @@ class Balance:
         passage: Passage,
         at_ends: tuple[State, State],
         side: int,
-        total_mass: Array,
+        upstream: int,
+        flow_masses: Array,
     ) -> None:
         """Add the derivatives of the flows at a chamber with a mixture by the masses (s,) of the
-        species at given pressure and temperature; `by_masses` has the derivatives of energy and
-        mass flows for each species."""
+        species at the end of the step, at given pressure and temperature; `by_masses` has the
+        derivatives of energy and mass flows for each species."""
         p, T, gas = at_ends[side]
         k = passage.ends[side]
         assert isinstance(k, int), "A chamber has a number."
-        masses = [total_mass[row] for row in self.contents.rows[k]]
+        masses = [flow_masses[row] for row in self.contents.rows[k]]
         for position, sums in enumerate(by_masses):
             amounts: list[Number] = list(masses)
             amounts[position] += STEP
             blend = Blend(gas.species, amounts, gas.name)
-            _, slopes = _slopes(passage, at_ends, side, (p, T, blend))
+            _, slopes = _slopes(passage, at_ends, side, (p, T, blend), upstream)
             for target, slope in enumerate(slopes):
-                sums[target] += slope
+                sums[target] += self._weights[k] * slope
 
     def _add_heat_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
         """Subtract step length times the derivatives of the heat of the walls, like
@@ -450,7 +456,12 @@ class Balance:
         total_mass = self._m0 + y[self._n :]
         p = self._p0 + self._weights * (p1 - self._p0)
         T = self.contents.temperatures(self._pV0 + p1 * V, total_mass)
-        return _states(p, T, self.contents.mixtures(total_mass))
+        return _states(p, T, self.contents.mixtures(self._flow_masses(y)))
+
+    def _flow_masses(self, y: Array) -> Array:
+        """Masses (s,) [kg] of which the gases that flow are mixtures, by (3)."""
+        weights = self.contents.per_mass(self._weights)
+        return self._m0 + weights * (y[self._n :] - self._m0)
 
     def _heat(self, path: HeatPath, y: Array, V: Array) -> Number:
         """The heat flow [W] from a wall into its chamber."""
@@ -479,6 +490,10 @@ class Balance:
         states = _states(self._p0, self.temperatures, self.contents.mixtures(self._m0))
         for passage in self.passages:
             at_ends = _at_ends(passage, states)
+            if passage.carried is not None:
+                # Its partial pressure relaxes, as fast as in a chamber without other gases.
+                (p_a, T_a, _), (p_b, T_b, _) = at_ends
+                at_ends = (p_a, T_a, passage.carried), (p_b, T_b, passage.carried)
             first, second = at_ends
             # Of equal pressures the hotter end counts as upstream.
             is_first = first[0] >= second[0]
@@ -549,27 +564,36 @@ def _state_at(end: Any, gas: Gas | None, states: list[State]) -> State:
     return end.pressure, end.temperature, gas
 
 
-def _flows(passage: Passage, at_ends: tuple[State, State]) -> tuple[int, Number, Number]:
-    """Return the end from which the gas comes, 0 or 1, and mass flow [kg/s] and enthalpy flow [W]
-    from the first to the second end of an opening; the gas has the temperature and the mixture of
-    the end it comes from."""
+def _flows(
+    passage: Passage, at_ends: tuple[State, State], upstream: int | None = None
+) -> tuple[int, Sequence[Number], Number, Number]:
+    """Return the end from which the gas comes, 0 or 1, `upstream` if that is given, its mass
+    fractions, and mass flow [kg/s] and enthalpy flow [W] from the first to the second end of an
+    opening; the gas has the temperature of the end it comes from, and its mixture unless the
+    opening carries one gas alone."""
     (p_a, T_a, gas_a), (p_b, T_b, gas_b) = at_ends
     mass_flow = passage.opening.flow((gas_a, gas_b), passage.area, (p_a, p_b), (T_a, T_b))
-    if mass_flow.real >= 0:
-        return 0, mass_flow, gas_a.enthalpy(T_a) * mass_flow
-    return 1, mass_flow, gas_b.enthalpy(T_b) * mass_flow
+    if upstream is None:
+        upstream = 0 if mass_flow.real >= 0 else 1
+    _, T, gas = at_ends[upstream]
+    gas = passage.carried or gas
+    return upstream, gas.fractions, mass_flow, gas.enthalpy(T) * mass_flow
 
 
 def _slopes(
-    passage: Passage, at_ends: tuple[State, State], side: int, changed: State
+    passage: Passage,
+    at_ends: tuple[State, State],
+    side: int,
+    changed: State,
+    upstream: int | None = None,
 ) -> tuple[int, list[Number]]:
     """Return the end from which the gas comes, and the derivatives of the energy flow [W] and of
     the mass flow of each species [kg/s] of a passage by the quantity of one end to which a complex
     step was added, exact to round-off."""
     varied = (changed, at_ends[1]) if side == 0 else (at_ends[0], changed)
-    upstream, mass_flow, energy_flow = _flows(passage, varied)
+    upstream, fractions, mass_flow, energy_flow = _flows(passage, varied, upstream)
     slopes = [energy_flow.imag / COMPLEX_STEP]
-    slopes += [(Y * mass_flow).imag / COMPLEX_STEP for Y in varied[upstream][2].fractions]
+    slopes += [(Y * mass_flow).imag / COMPLEX_STEP for Y in fractions]
     return upstream, slopes
 
 

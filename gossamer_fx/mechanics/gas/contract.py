@@ -186,9 +186,10 @@ class Opening(Protocol):
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
 
-        The flow has the mixture and the enthalpy of the end that it comes from.  It must be
-        analytic in p, T and the properties of the gases where it is smooth: the network takes
-        derivatives by complex steps.
+        The flow has the mixture and the enthalpy of the end that it comes from; that of an opening
+        with an attribute `gas` is of this gas alone.  It must be analytic in p, T and the
+        properties of the gases where it is smooth: the network takes derivatives by complex
+        steps.
 
         Args:
             gases: the gases at the ends a and b.
@@ -223,9 +224,9 @@ class DrivenOpening(Opening, Protocol):
 
 @runtime_checkable
 class Discharge(Opening, Protocol):
-    """An opening with a geometric area A, and perhaps a number `discharge_coefficient` C_d, whose
-    effective area is C_d A.  Gradients know derivatives by these two; of another opening they know
-    none by its numbers."""
+    """An opening with a geometric area A, and perhaps a number `discharge_coefficient` or
+    `accommodation` C, whose effective area is C A.  Gradients know derivatives by these two; of
+    another opening they know none by its numbers."""
 
     @property
     def area(self) -> object:

@@ -26,6 +26,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.point_measures import attach, translation_weight
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -306,7 +307,7 @@ class Piston:
         direction: n, the direction in which the volume grows; need not be of unit length.
 
     Raises:
-        InputError: the area is not positive or the direction has no length.
+        InputError: the area is not positive, the direction has no length, or the port is one.
 
     Example:
         >>> piston = gx.gas.Piston(mass.port(), area=0.01, direction=(1.0, 0.0, 0.0))
@@ -324,6 +325,10 @@ class Piston:
     ) -> None:
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."
+        )
+        check(
+            bool(np.isclose(translation_weight(port), 1.0)),
+            "Piston: its port is not a point of a body; give one, as body.port().",
         )
         self.port = port
         self.area = area
@@ -360,10 +365,8 @@ class _CompiledPiston:
         """Compute the gradient of the volume, area times direction [m²], in this rank's
         unknowns."""
         self._system = system
-        port = piston.port
-        # A port is a weighted sum of nodes; the position is the first three numbers of a node.
-        indices = system.block(port.body).to_global(np.array(port.nodes))[:, :3]
-        entries = np.outer(port.weights, piston.area * piston.direction)
+        indices, P, _ = attach(system.numbering, system.bodies, (piston.port,))
+        entries = piston.area * piston.direction @ P
         start, end = system.q0.getOwnershipRange()
         mine = (indices >= start) & (indices < end)
         self._gradient = np.zeros(end - start)
@@ -452,20 +455,19 @@ def label_components(table: EdgeTable, cells: Cells) -> Array:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    index_map = table.domain.topology.index_map(2)
+    topology = table.domain.topology
+    index_map = topology.index_map(2)
     comm = table.domain.comm
     local_count = index_map.size_local + index_map.num_ghosts
-    is_of_surface = np.zeros(local_count, dtype=bool)
-    is_of_surface[cells] = True
 
-    # Triangles of the surface are neighbours where they share an edge.
-    has_both = (table.cells >= 0).all(axis=1)
-    pairs = table.cells[has_both]
-    pairs = pairs[is_of_surface[pairs].all(axis=1)]
-    ones = np.ones(len(pairs), dtype=np.int8)
-    entries = (ones, (pairs[:, 0], pairs[:, 1]))
-    neighbours = coo_array(entries, shape=(local_count, local_count))
-    count, component = connected_components(neighbours, directed=False)
+    # Triangles of the surface are connected by the edges that they share.  (The table has two
+    # triangles of an edge; where chambers share a wall there are three.)
+    edges = topology.connectivity(2, 1).array.reshape(-1, 3)[cells].ravel()
+    entries = (np.ones(len(edges), dtype=np.int8), (np.repeat(cells, 3), local_count + edges))
+    size = local_count + len(table.count)
+    graph = coo_array(entries, shape=(size, size))
+    count, component = connected_components(graph, directed=False)
+    component = component[:local_count]
 
     local_cells = np.arange(local_count, dtype=np.int32)
     labels = la.vector(index_map)

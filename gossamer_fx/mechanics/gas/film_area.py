@@ -85,10 +85,8 @@ class CompiledFilmArea:
         vector.scatter_reverse(la.InsertMode.add)
         return vector.array[: self._owned.stop - self._owned.start].copy()
 
-    def add_own(self, values: Array, start: int, gradient: Array) -> None:
-        """Add a gradient to the owned unknowns of the film in `values`, whose first entry is
-        unknown number `start` of this rank's part of a system vector."""
-        values[self._owned.start - start : self._owned.stop - start] += gradient
+    def add_own(self, values: Array, gradient: Array) -> None:
+        values[self._owned] += gradient
 
     def _predict(self, h: float) -> None:
         """Set the positions [m] at the middle of the coming step."""

@@ -37,6 +37,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
+    MIN_REMAINING_SHARE,
     End,
     HeatPath,
     Passage,
@@ -65,10 +66,6 @@ if TYPE_CHECKING:
 ADIABATIC = "adiabatic"
 ISOTHERMAL = "isothermal"
 HELD_PRESSURE = "held pressure"
-PROCESSES = (ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
-
-# A guess of y falls at most to this share of the last solution: pressures and masses stay positive.
-MIN_REMAINING_SHARE = 0.1
 
 
 class GasNetwork(ScalarUnknowns):
@@ -418,6 +415,10 @@ class GasNetwork(ScalarUnknowns):
 
         return GasAdjoint(self)
 
+    def repeats(self, history: dict[str, Any]) -> bool:
+        is_open = [passage.is_open for passage, _ in self._switches]
+        return bool(is_open == history["open"])
+
     def exchange_ends(self) -> None:
         """Evaluate the geometry in the reversed step, which starts at the end of the present one.
         Collective."""
@@ -577,14 +578,17 @@ def _passages(
             _boundary_gas(opening.a, opening.b, contents),
             _boundary_gas(opening.b, opening.a, contents),
         )
+        carried = getattr(opening, "gas", None)
         rows = []
         for source, gas in zip(ends, gases, strict=True):
-            species = gas.species if gas is not None else contents.held(source)
+            found_gas = carried or gas
+            species = found_gas.species if found_gas is not None else contents.held(source)
             rows.append([contents.numbers(target, species) for target in ends])
         passage = Passage(
             opening=opening,
             ends=ends,
             gases=gases,
+            carried=carried,
             rows=rows,
             aperture=opening.aperture(geometry),
             is_driven=isinstance(opening, DrivenOpening),

@@ -305,11 +305,8 @@ class Loop:
                 signs[i] = -1
         return signs
 
-    def add_own(self, values: Array, start: int, G: Array) -> None:
-        """Add a gradient G (nodes, 3) [m²] at all nodes of the ring to the owned unknowns of the
-        film, flattened, which begin at `start` in this rank's part of a system vector; changed in
-        place."""
-        values[self._own - start] += G[self._mine]
+    def add_own(self, values: Array, G: Array) -> None:
+        values[self._own] += G[self._mine]
 
     def _strip_tangents(self, X: Array) -> tuple[Array, Array]:
         """x,s and x,r (strips, g, 3) for the positions X (nodes, 3) of the nodes."""

@@ -104,6 +104,12 @@ class HeldPressureBalance(Balance):
 
     depends_on_swept_volume = False
 
+    def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
+        super().begin(h, t, p, m, U, V)
+        # Pressures that are held do not equalise: a flow would last as long as the search.
+        for passage in self.passages:
+            passage.area = 0.0
+
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
         """Residual (n + s,): excess of the pressure as energy (p1 - p0) V [J], then of the masses
         [kg]; the held pressures p0 (n,) [Pa] are those at the start of the step."""

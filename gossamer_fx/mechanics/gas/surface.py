@@ -36,9 +36,9 @@ class MovingArea(Protocol):
         `add_own`; that by v0 is ½ h times as large.  Collective."""
         ...
 
-    def add_own(self, values: Array, start: int, gradient: Array, /) -> None:
-        """Add a gradient of `aperture_gradient` to the owned unknowns of the body in `values`,
-        whose first entry is unknown number `start` of this rank's part of a system vector."""
+    def add_own(self, values: Array, gradient: Array, /) -> None:
+        """Add a gradient of `aperture_gradient` to the owned unknowns of the body in `values`, this
+        rank's part of a system vector."""
         ...
 
 

@@ -53,7 +53,7 @@ class Damping:
         mass_factor: α [1/s]; force -α ρt v per area, or -α μ v per length.  It slows every motion,
             rigid ones, too.
         stiffness_factor: β [s]; stress β C Ė with the elastic matrix C of the taut film, cable or
-            beam (Kelvin-Voigt).  Rigid motions are free.
+            beam (Kelvin-Voigt).  Rigid motions are free.  The bending of a plate is not damped.
         tension_only: whether C is the stiffness ψ''(e) that a film has at the start of each step:
             in full where it is taut, along the folds where it is wrinkled, nearly zero where it is
             slack.

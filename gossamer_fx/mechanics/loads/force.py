@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.algebra.point_measures import translation_weight
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
@@ -65,8 +66,7 @@ class ForceInTime:
         self.factor = 1.0
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        # Once a step, also for a force on many points: the user's function is asked on rank 0 only,
-        # which costs a broadcast.
+        # Once a step, also for a force on many points: that all ranks compare costs a message.
         if t + lag != self._time:
             self._time = t + lag
             self._now = at_time(self._comm, self._name, self._value, self._time)
@@ -93,14 +93,6 @@ class ForceInTime:
 def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
     """value(t) as three finite numbers, the same on every rank."""
     return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
-
-
-class ConstantTorque(Couple):
-    """Torque (3,) in space axes that never changes."""
-
-    def __init__(self, torque: Array) -> None:
-        super().__init__()
-        self.torque = torque
 
 
 class TorqueInTime(Couple):
@@ -145,6 +137,11 @@ class Force:
 
     def __post_init__(self) -> None:
         check(bool(self._ports), f"Force '{self.name}': there is no port; give one or several.")
+        check(
+            bool(np.isclose([translation_weight(port) for port in self._ports], 1.0).all()),
+            f"Force '{self.name}': a port is not a point of a body; "
+            "give points, as film.port('tip'), and a Torque on directions.",
+        )
 
     @property
     def _ports(self) -> Sequence[Port]:
@@ -205,5 +202,6 @@ class Torque:
             comm = next(iter(self.requires())).comm
             law = TorqueInTime(comm, self.name, value)
         else:
-            law = ConstantTorque(np.asarray(value, dtype=float))
+            law = Couple()
+            law.torque = np.asarray(value, dtype=float)
         yield PointLoad(self.name, vectors, law)

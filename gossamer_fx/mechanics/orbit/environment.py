@@ -228,8 +228,15 @@ class Environment:
         return sunlit(r, sun, self.radius)
 
     def depth(self, r: Array, t: float) -> float:
-        """How deep r is in the cylinder of the shadow [m]; negative outside."""
-        return shadow_depth(r, self.sun(t), self.radius)
+        """How deep r is in the cylinder of the shadow [m]; negative outside.  `InputError`: the Sun
+        is the attracting centre, which casts no shadow."""
+        sun = self.sun(t)
+        check(
+            bool(np.any(sun)),
+            f"Orbit '{self.name}': the Sun is its centre, which casts no shadow; "
+            "leave the depth in it out.",
+        )
+        return shadow_depth(r, sun, self.radius)
 
     # ---- axes ------------------------------------------------------------------------------------
 

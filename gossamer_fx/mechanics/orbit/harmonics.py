@@ -61,7 +61,8 @@ class SolidHarmonics:
 
     def potential(self, r: Array) -> Array:
         """Φ (...) at positions r (..., 3) [m], in the unit of `scale`."""
-        return self.scale * self._sum(self.coefficients, r)
+        Y = solid_harmonics(len(self.coefficients) - 1, r, self.radius)
+        return self.scale * _real_sum(self.coefficients, Y)
 
     def gradient(self, r: Array) -> Array:
         """∇Φ (..., 3) at positions r (..., 3) [m], in the unit of `scale` per metre."""
@@ -80,11 +81,6 @@ class SolidHarmonics:
                 G[..., i, j] = component
                 G[..., j, i] = component
         return self.scale / self.radius**2 * G
-
-    def _sum(self, c: Coefficients, r: Array) -> Array:
-        """Re Σ c_nm Y_nm (...), dimensionless, of coefficients c (N, N) at positions r (..., 3)
-        [m]."""
-        return _real_sum(c, solid_harmonics(len(c) - 1, r, self.radius))
 
 
 def _real_sum(c: Coefficients, Y: Coefficients) -> Array:

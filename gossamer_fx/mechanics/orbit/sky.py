@@ -106,11 +106,15 @@ class Sky:
 
     def __init__(self, epoch: str, ut1_utc: float = 0.0) -> None:
         try:
-            self.start = datetime.fromisoformat(epoch).replace(tzinfo=UTC)
+            start = datetime.fromisoformat(epoch)
         except (TypeError, ValueError):
             raise InputError(
                 f"epoch is {epoch!r}; give a date in UTC such as '2026-01-01T12:00:00'."
             ) from None
+        # A date without an offset is one in UTC.
+        if start.tzinfo is None:
+            start = start.replace(tzinfo=UTC)
+        self.start = start.astimezone(UTC)
         check(abs(ut1_utc) < 0.9, f"ut1_utc is {ut1_utc!r} s; give a difference below 0.9 s.")
         erfa = _erfa()
         s = self.start

@@ -142,6 +142,11 @@ class ScalarUnknowns(HistoryVariables):
         these unknowns; None: the scene has no gradient."""
         return None
 
+    def repeats(self, history: dict[str, Any]) -> bool:
+        """Whether what is open or closed in the present step is so in the step that ended with
+        these history variables."""
+        return True
+
 
 @runtime_checkable
 class BringsScalarUnknowns(Protocol):
