@@ -89,6 +89,29 @@ def test_a_region_is_fixed_to_a_rigid_body_where_both_start() -> None:
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(np.hypot(0.2, 0.5), rel=1e-9)
 
 
+@pytest.mark.mpi
+def test_a_hinge_has_turned_with_its_bodies() -> None:
+    """Two bodies of 1 kg m² on a hinge with a spring of 2 N m/rad, which is 0.3 rad from rest, swing
+    by φ = 0.3 (1 - cos 2t) about the axis of the bodies, wherever these start."""
+    quarter = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+
+    def pair(attitude: object) -> list[gx.RigidBody]:
+        return [
+            gx.RigidBody(1.0, (1.0, 1.0, 1.0), attitude=attitude, comm=COMM, name=name)
+            for name in ("one", "other")
+        ]
+
+    one, other = pair(np.eye(3))
+    sides = one.frame(), other.frame()
+    axis = (1.0, 0.0, 0.0)
+    hinge = gx.constraints.RevoluteJoint(*sides, axis=axis)
+    spring = gx.connectors.TorsionSpring(*sides, axis=axis, stiffness=2.0, rest_angle=0.3)
+    start = gx.StartFrom(gx.Scene(*pair(quarter)).compile())
+    run = run_until(np.pi / 2, hinge, spring, start, dt=np.pi / 100)
+    a, b = run.system.state.vectors([one.vector(2), other.vector(2)])
+    assert np.arccos(a @ b) == pytest.approx(0.6, rel=1e-3)
+
+
 def test_two_starts_are_refused(comm):
     mass = gx.PointMass(1.0, comm=comm)
     system = gx.Scene(mass).compile()

@@ -259,6 +259,13 @@ class AxisJoint(FrameJoint):
         super().__post_init__()
         check_axis(self)
 
+    def _axis_at(self, start: State) -> Array:
+        """The axis (3,) at the start of a scene: fixed in the ground, or else in a frame with three
+        directors, which may have turned since it was made.  Collective."""
+        complete = [side for side in self._sides if len(side.directors) == 3]
+        carrier = min(complete, key=lambda side: isinstance(side.origin, Port))
+        return start.vector(along(unit(self.axis), carrier))
+
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
@@ -299,7 +306,7 @@ class RevoluteJoint(AxisJoint):
     def terms(self, start: State) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin, start)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
-        yield from same_axis(self.name, unit(self.axis), *self._sides, start)
+        yield from same_axis(self.name, self._axis_at(start), *self._sides, start)
 
 
 @check_arguments
@@ -349,8 +356,9 @@ class UniversalJoint(FrameJoint):
         check_coincide(self.name, self.a.origin, self.b.origin, start)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
         a, b = self._sides
-        n = along(unit(self.axis_a), a, start.vector)
-        m = along(unit(self.axis_b), b, start.vector)
+        # Carried by the bodies since they were made, as they may start turned.
+        n = along(unit(self.axis_a), a)
+        m = along(unit(self.axis_b), b)
         yield product(f"{self.name} cross", n, m)
 
 
@@ -389,7 +397,7 @@ class PrismaticJoint(AxisJoint):
     def terms(self, start: State) -> Iterable[Term]:
         a, b = self._sides
         yield from same_rotation(self.name, a, b, start)
-        yield from on_axis("PrismaticJoint", self.name, unit(self.axis), a, b, start)
+        yield from on_axis("PrismaticJoint", self.name, self._axis_at(start), a, b, start)
 
 
 @check_arguments
@@ -427,7 +435,7 @@ class CylindricalJoint(AxisJoint):
         return self.a.complete, self.b.complete
 
     def terms(self, start: State) -> Iterable[Term]:
-        n = unit(self.axis)
+        n = self._axis_at(start)
         a, b = self._sides
         yield from same_axis(self.name, n, a, b, start)
         yield from on_axis("CylindricalJoint", self.name, n, a, b, start)

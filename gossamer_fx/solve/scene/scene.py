@@ -76,7 +76,8 @@ class RigidMotion:
 class StartFrom:
     """Takes the initial positions and directors from another compiled scene of the same bodies.
 
-    The other scene is, for example, that of an equilibrium.  A reduced film also starts from its
+    The other scene is, for example, that of an equilibrium.  Axes and angles of hinges count from
+    the bodies as they were made, and have turned with them.  A reduced film also starts from its
     full one: from the part of that shape which its modes hold.
 
     Args:
