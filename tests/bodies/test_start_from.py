@@ -91,8 +91,8 @@ def test_a_region_is_fixed_to_a_rigid_body_where_both_start() -> None:
 
 @pytest.mark.mpi
 def test_a_hinge_has_turned_with_its_bodies() -> None:
-    """Two bodies of 1 kg m² on a hinge with a spring of 2 N m/rad, which is 0.3 rad from rest, swing
-    by φ = 0.3 (1 - cos 2t) about the axis of the bodies, wherever these start."""
+    """Bodies of 1 kg m² on a hinge with a spring of 2 N m/rad, 0.3 rad from rest, swing by φ =
+    0.3 (1 - cos 2t) about the axis of the bodies, wherever these start."""
     quarter = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 
     def pair(attitude: object) -> list[gx.RigidBody]:
