@@ -56,6 +56,16 @@ def test_a_link_keeps_the_distance_of_the_start() -> None:
 
 
 @pytest.mark.mpi
+def test_a_rigid_motion_is_that_of_bodies_where_they_start() -> None:
+    cable, start = turned()
+    motion = gx.RigidMotion(spin=(0.0, 0.0, 2.0))
+    for order in ((start, motion), (motion, start)):
+        state = gx.Scene(cable, *order).compile().state
+        # Ω × x at TIP, where the end starts.
+        assert state.rate(cable.port("end")) == pytest.approx([-2.0, 0.0, 0.0], abs=1e-12)
+
+
+@pytest.mark.mpi
 def test_a_displacement_begins_at_zero() -> None:
     cable, start = turned()
     shift = gx.RigidMotion(velocity=(0.0, 0.5, 0.0))

@@ -66,6 +66,21 @@ def test_two_bars_snap_through_and_rise_again(comm):
     np.testing.assert_array_equal(found.unstable, unstable)
 
 
+def test_loads_beside_the_load_factor_have_their_time(comm):
+    """A pull of 10 N/s is 20 N after 2 s, and another one grows from 5 to 10 N, on 100 N/m."""
+    mass = gx.PointMass(1.0, (0.0, 0.0, -1.0), comm=comm)
+    top = gx.Ground((0.0, 0.0, 0.0))
+    spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+    pull = gx.loads.Force(mass.port(), lambda t: (0.0, 0.0, -10.0 * t))
+    more = gx.loads.Force(mass.port(), (0.0, 0.0, -5.0), name="more")
+    equilibrium = gx.Equilibrium(gx.Scene(spring, pull, more))
+    equilibrium.find(at=2.0)
+    probes = {"z": gx.probes.Position(mass.port(), "z")}
+    found = gx.analysis.path(equilibrium, 2.0, by="more.force", start=1.0, probes=probes)
+    assert found.columns["z"][[0, -1]] == pytest.approx([-1.25, -1.3], rel=1e-9)
+    assert equilibrium.time == 2.0
+
+
 def test_units_of_length_do_not_matter(comm):
     """The same points of the path in metres and in millimetres."""
     in_metres = truss_path(comm)

@@ -56,12 +56,13 @@ class Source(Protocol):
 
 
 class EquilibriumSource:
-    """Results of an equilibrium, which is found again from the last one when parameters change."""
+    """Results of an equilibrium, which is found again from the last one when parameters change,
+    under the loads of its time."""
 
     def __init__(self, equilibrium: Equilibrium, by: Sequence[str]) -> None:
         self.comm = equilibrium.comm
         self._equilibrium = equilibrium
-        equilibrium.find()
+        equilibrium.find(at=equilibrium.time)
         # Forms are compiled once, for all evaluations.
         self._gradients = StaticGradients(equilibrium, by)
         self._gradients.factorise()
@@ -79,7 +80,7 @@ class EquilibriumSource:
             variable.set(values[name])
         # Masses and constants that the system keeps depend on parameters.
         self._equilibrium.system.parameters_changed()
-        self._equilibrium.find()
+        self._equilibrium.find(at=self._equilibrium.time)
         self._gradients.factorise()
 
     def gradient(self, objective: Objective) -> Gradient:

@@ -309,7 +309,8 @@ def minimise(
     ranks "blmvm".
 
     Args:
-        equilibrium: its scene is changed; `find` is called by the minimisation.
+        equilibrium: its scene is changed; `find` is called by the minimisation, at the time of the
+            present loads.
         of: a result with derivatives, see `gx.analysis.gradient`.
         by: names of the parameters.
         bounds: for parameters by name the smallest and the largest value, numbers or arrays of this

@@ -103,7 +103,8 @@ def fit(
     The scene has the parameters afterwards and stands in their equilibrium.
 
     Args:
-        equilibrium: its scene is changed; `find` is called by the fit.
+        equilibrium: its scene is changed; `find` is called by the fit, at the time of the present
+            loads.
         of: results with derivatives, see `gx.analysis.gradient`.
         measured: their values (m,), in the units of the results.
         by: names of the parameters.

@@ -189,7 +189,8 @@ def path(
     Args:
         equilibrium: of a scene without contact; its present state is the first guess.
         until: load factor at which the path ends.
-        by: what the load factor multiplies; "": it is the time of the loads.
+        by: what the load factor multiplies, while other loads have their present time; "": it is
+            the time of the loads.
         start: load factor of the first point, which is found by `Equilibrium.find`.
         first_step: first step of the load factor; default: a twentieth of the way.
         max_steps: number of points after which the path ends in any case.
@@ -243,11 +244,8 @@ def path(
     )
     if not isinstance(follower, _Follower) or not resume:
         load = _Load(system, by)
-        if by:
-            load.set(start)
-            equilibrium.find()
-        else:
-            equilibrium.find(at=start)
+        load.set(start)
+        equilibrium.find(at=load.time(start))
         step = first_step or abs(until - start) / 20
         follower = _Follower(equilibrium, load, start=start, toward=until, first_step=step)
         follower.branch = branch
@@ -264,6 +262,7 @@ class _Load:
         the time.  Raises `InputError` if the scene has no such number, or it is zero, a shape or a
         stiffness that is assembled once."""
         self._system = system
+        self._time = system.time
         self._variable: Variable | None = None
         if not name:
             return
@@ -310,8 +309,9 @@ class _Load:
             compiled.parameters_changed()
 
     def time(self, factor: float) -> float:
-        """Time of the loads [s] at a load factor; zero if this multiplies a number."""
-        return factor if self._variable is None else 0.0
+        """Time of the loads [s] at a load factor; that before the path if it multiplies a
+        number."""
+        return factor if self._variable is None else self._time
 
 
 class _PathNewton(Newton):

@@ -276,9 +276,10 @@ class Scene:
                     "check the function that gives it.",
                 )
         start = InitialState(self.bodies, self.comm)
-        for item in self.items:
-            if isinstance(item, InitialCondition):
-                item.initialise(start)
+        conditions = [item for item in self.items if isinstance(item, InitialCondition)]
+        # Rigid motions last: their velocities are those at the places that others give to bodies.
+        for condition in sorted(conditions, key=lambda one: isinstance(one, RigidMotion)):
+            condition.initialise(start)
         items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
         system = System(start, items, rule or PathAverage())
         kinds: dict[type[ScalarUnknowns], list[object]] = {}
