@@ -58,9 +58,11 @@ class Folded:
         Collective."""
         film = self.film
         flat = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
+        # A rank may have no nodes.
+        size = float(np.abs(flat).max(initial=0.0))
         check_on_all(
             film.comm,
-            bool(np.allclose(start[film].positions(), flat, rtol=0, atol=FIT * np.ptp(flat))),
+            bool(np.allclose(start[film].positions(), flat, rtol=0, atol=FIT * size)),
             f"'{self.name}': '{film.name}' has a displacement or another start, which the folds "
             "would replace; leave it out.",
         )
