@@ -839,8 +839,9 @@ class _Follower:
                 length /= 2
             else:
                 return point
-        # The state is that of the last point, and so is the load.
-        self._load.set(self._last.factor)
+        # The state is that of the last point, and so are load, reactions and time.
+        self._newton.begin_at_point(self._last.factor)
+        self._system.time = self._load.time(self._last.factor)
         raise NoEquilibrium(
             f"path: no further equilibrium from the load factor {self._last.factor:.6g} on, "
             f"last failure: {reason}."
