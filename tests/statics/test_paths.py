@@ -169,6 +169,12 @@ def test_a_branch_is_chosen_by_a_probe(comm):
     assert ends["branch"] > 0.5
     assert ends["mirrored"] == pytest.approx(-ends["branch"], rel=1e-6)
     made = equilibrium_paths.column(comm, 4)
+    options = {"start": 0.9, "first_step": 0.3, "max_steps": 1, "branch": "branch"}
+    found = gx.analysis.path(made.equilibrium, 1.2, probes=made.probes, **options)
+    # It ends where it turns, and the tries along the branch leave nothing.
+    assert found.branch_points == (1,)
+    assert made.equilibrium.time == found.loads[-1]
+    made = equilibrium_paths.column(comm, 4)
     with pytest.raises(gx.InputError, match="'x' does not change along the branch"):
         gx.analysis.path(made.equilibrium, 1.2, first_step=0.3, probes=made.probes, branch="x")
     with pytest.raises(gx.InputError, match="branch is 'up', which is not the name of a probe"):

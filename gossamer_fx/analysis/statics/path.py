@@ -839,13 +839,17 @@ class _Follower:
                 length /= 2
             else:
                 return point
-        # The state is that of the last point, and so are load, reactions and time.
-        self._newton.begin_at_point(self._last.factor)
-        self._system.time = self._load.time(self._last.factor)
+        self._stand_at_last()
         raise NoEquilibrium(
             f"path: no further equilibrium from the load factor {self._last.factor:.6g} on, "
             f"last failure: {reason}."
         )
+
+    def _stand_at_last(self) -> None:
+        """Give load, reactions and time of the last point to the system, whose state is that point,
+        after steps that were not accepted.  Collective."""
+        self._newton.begin_at_point(self._last.factor)
+        self._system.time = self._load.time(self._last.factor)
 
     def _cosine(self, point: _Point) -> float:
         """Cosine of the angle between the tangents at the last point and at another one."""
@@ -898,6 +902,7 @@ class _Follower:
             if self.branch and branch_points == [len(points) - 1]:
                 self._turn(probes[self.branch], self.branch)
                 self._length = self._branch_length(tolerance)
+                self._stand_at_last()
                 self.branch = ""
         return EquilibriumPath(
             np.array([point.factor for point in points]),
