@@ -30,7 +30,8 @@ from gossamer_fx.core.model.body import Array
 
 LOGGER = logging.getLogger("gossamer_fx")
 
-TINY = 1e-300  # against division by zero
+# A result over its largest derivative by a scaled number, below which it counts as zero.
+ZERO = 1e-8
 
 
 class Source(Protocol):
@@ -227,7 +228,7 @@ class DesignProblem:
         # Numbers for which the source is set, and results there by the identity of the objective.
         self._at = self.start
         self._known: dict[int, tuple[float, Array]] = {}
-        self._scale_of_value = max(abs(self.value(self.start)), TINY)
+        self._scale_of_value = self.size_at_start(of)
         self.history = [self.value(self.start)]
         # The log of an iteration also says how large the problem is.
         LOGGER.info("%s: %d numbers, value %.9g", who, self.size, self.history[0])
@@ -355,6 +356,16 @@ class DesignProblem:
                 slopes.append(variable.slope(derivative.values, self.comm, is_field))
             self._known[id(objective)] = (found.value, np.concatenate(slopes))
         return self._known[id(objective)]
+
+    def size_at_start(self, objective: Any) -> float:
+        """Size of a result at the start, by which it is divided; of one that is zero there, its
+        largest derivative by a scaled number.  Collective."""
+        value, slope = self.evaluate(objective, self.start)
+        largest = float(np.abs(slope).max(initial=0.0))
+        largest = self.comm.allreduce(largest, op=MPI.MAX)
+        if abs(value) <= ZERO * largest:
+            return largest or 1.0
+        return abs(value)
 
     def value(self, x: Array) -> float:
         """The result.  Collective."""
