@@ -96,6 +96,13 @@ def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[Point
     yield product(f"{name} rotation 1", g2, p3)
 
 
+def axis_at(axis: Vector, sides: tuple[Frame, Frame], start: State) -> Array:
+    """The axis (3,) of two frames at the start of a scene: fixed in one with three directors, of
+    two in the ground, and else in a body that may have turned since it was made.  Collective."""
+    carrier = min(sides, key=lambda side: (len(side.directors) < 3, isinstance(side.origin, Port)))
+    return start.vector(along(unit(axis), carrier))
+
+
 def same_axis(
     name: str, n: Array, full: Frame, other: Frame, start: State
 ) -> Iterable[PointConstraint]:
@@ -259,13 +266,6 @@ class AxisJoint(FrameJoint):
         super().__post_init__()
         check_axis(self)
 
-    def _axis_at(self, start: State) -> Array:
-        """The axis (3,) at the start of a scene: fixed in the ground, or else in a frame with three
-        directors, which may have turned since it was made.  Collective."""
-        complete = [side for side in self._sides if len(side.directors) == 3]
-        carrier = min(complete, key=lambda side: isinstance(side.origin, Port))
-        return start.vector(along(unit(self.axis), carrier))
-
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
@@ -306,7 +306,8 @@ class RevoluteJoint(AxisJoint):
     def terms(self, start: State) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin, start)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
-        yield from same_axis(self.name, self._axis_at(start), *self._sides, start)
+        n = axis_at(self.axis, self._sides, start)
+        yield from same_axis(self.name, n, *self._sides, start)
 
 
 @check_arguments
@@ -397,7 +398,8 @@ class PrismaticJoint(AxisJoint):
     def terms(self, start: State) -> Iterable[Term]:
         a, b = self._sides
         yield from same_rotation(self.name, a, b, start)
-        yield from on_axis("PrismaticJoint", self.name, self._axis_at(start), a, b, start)
+        n = axis_at(self.axis, self._sides, start)
+        yield from on_axis("PrismaticJoint", self.name, n, a, b, start)
 
 
 @check_arguments
@@ -435,7 +437,7 @@ class CylindricalJoint(AxisJoint):
         return self.a.complete, self.b.complete
 
     def terms(self, start: State) -> Iterable[Term]:
-        n = self._axis_at(start)
+        n = axis_at(self.axis, self._sides, start)
         a, b = self._sides
         yield from same_axis(self.name, n, a, b, start)
         yield from on_axis("CylindricalJoint", self.name, n, a, b, start)
