@@ -181,7 +181,8 @@ def path(
     Without `by` the load factor is the load parameter `at` of `Equilibrium.find`, so that a path
     may have any loads, prescribed motions and temperatures that are functions of time.  With
     `by="item.quantity"`, a name as of `analysis.gradient`, it multiplies the value of that number
-    or field in the scene, e.g. a force, a pressure, gravity or an initial stress.
+    or field in the scene, e.g. a force, a pressure, gravity or an initial stress; the product stays
+    there, and is the value of a next path unless that one resumes.
 
     The equilibrium has the state of the last point then, which need not be stable, and its `result`
     is that of the first point.
