@@ -378,10 +378,11 @@ class Cable(Curve):
     def _pieces(self, e0: Expr, e1: Expr) -> list[Piece]:
         """The pieces of the law, with stresses [N] of `density`, which is per length of the
         mesh."""
-        return [
-            replace(piece, stress=lambda ea, eb, of=piece: self.per_mesh_length(of.stress(ea, eb)))
-            for piece in self.law.pieces(e0, e1, self.constants)
-        ]
+
+        def scaled(piece: Piece) -> Piece:
+            return replace(piece, stress=lambda ea, eb: self.per_mesh_length(piece.stress(ea, eb)))
+
+        return [scaled(piece) for piece in self.law.pieces(e0, e1, self.constants)]
 
     def density(self, e: Expr) -> Expr:
         """Stored energy per unit length of the mesh [J/m] of the strain e = (ε,)."""
