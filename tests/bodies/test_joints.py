@@ -63,6 +63,10 @@ REFUSED = [
     (lambda: gx.PointMass(0.0), "mass is 0.0 kg"),
     (lambda: gx.RigidBody(0.0, (1, 1, 1)), "mass is 0.0 kg"),
     (lambda: gx.RigidBody(1.0, (0, 1, 1)), "inertia is singular"),
+    (
+        lambda: gx.RigidBody(1e-3, [[1e-9, 5e-10, 0], [0, 1e-9, 0], [0, 0, 1e-9]]),
+        "give three numbers or a symmetric",
+    ),
     # Principal moments obey the triangle inequality: 3 > 1 + 1 is impossible.
     (lambda: gx.RigidBody(1.0, (1, 1, 3)), "no body has"),
     (lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)), "not a rotation matrix"),

@@ -56,6 +56,16 @@ def test_a_link_keeps_the_distance_of_the_start() -> None:
 
 
 @pytest.mark.mpi
+def test_a_rigid_motion_is_that_of_bodies_where_they_start() -> None:
+    cable, start = turned()
+    motion = gx.RigidMotion(spin=(0.0, 0.0, 2.0))
+    for order in ((start, motion), (motion, start)):
+        state = gx.Scene(cable, *order).compile().state
+        # Ω × x at TIP, where the end starts.
+        assert state.rate(cable.port("end")) == pytest.approx([-2.0, 0.0, 0.0], abs=1e-12)
+
+
+@pytest.mark.mpi
 def test_a_displacement_begins_at_zero() -> None:
     cable, start = turned()
     shift = gx.RigidMotion(velocity=(0.0, 0.5, 0.0))
@@ -96,6 +106,29 @@ def test_another_mesh_is_refused_on_all_ranks() -> None:
     start = gx.StartFrom(gx.Scene(other).compile())
     with pytest.raises(gx.InputError, match="'film' has other nodes in 'start'"):
         gx.Scene(film, start).compile()
+
+
+@pytest.mark.mpi
+def test_a_hinge_has_turned_with_its_bodies() -> None:
+    """Bodies of 1 kg m² on a hinge with a spring of 2 N m/rad, 0.3 rad from rest, swing by φ =
+    0.3 (1 - cos 2t) about the axis of the bodies, wherever these start."""
+    quarter = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+
+    def pair(attitude: object) -> list[gx.RigidBody]:
+        return [
+            gx.RigidBody(1.0, (1.0, 1.0, 1.0), attitude=attitude, comm=COMM, name=name)
+            for name in ("one", "other")
+        ]
+
+    one, other = pair(np.eye(3))
+    sides = one.frame(), other.frame()
+    axis = (1.0, 0.0, 0.0)
+    hinge = gx.constraints.RevoluteJoint(*sides, axis=axis)
+    spring = gx.connectors.TorsionSpring(*sides, axis=axis, stiffness=2.0, rest_angle=0.3)
+    start = gx.StartFrom(gx.Scene(*pair(quarter)).compile())
+    run = run_until(np.pi / 2, hinge, spring, start, dt=np.pi / 100)
+    a, b = run.system.state.vectors([one.vector(2), other.vector(2)])
+    assert np.arccos(a @ b) == pytest.approx(0.6, rel=1e-3)
 
 
 def test_two_starts_are_refused(comm):

@@ -737,6 +737,25 @@ def test_friction_and_yielding_are_noted_in_the_result(comm):
     assert found.notes[0].startswith("yielding of 'crease' is piecewise smooth")
 
 
+def test_a_run_goes_on_where_it_was_after_a_gradient_that_failed(comm):
+    mass = gx.PointMass(1.0, (0.0, 0.0, -1.0), comm=comm)
+    pull = [0.0]
+    force = gx.loads.Force(mass.port(), lambda t: (0.0, 0.0, -pull[0]))
+    run = gx.Simulation(gx.Scene(force), gx.Midpoint(dt=0.1))
+    tape = gx.analysis.RunTape(run)
+    run.run(until=1.0)
+    # What the tape does not know: its steps are not those of this force.
+    pull[0] = 10.0
+    run.run(until=2.0)
+    height = gx.probes.Position(mass.port(), "z")
+    before = height(run)
+    with pytest.raises(gx.StepFailure, match="cannot be repeated"):
+        gx.analysis.gradient(tape, of=height, by=["mass.initial_velocity"])
+    # Half of 10 m/s² for one second.
+    assert before == pytest.approx(-6.0, rel=1e-9)
+    assert (run.time, height(run)) == (2.0, before)
+
+
 def test_a_tape_is_of_conserving_steps(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
     dissipating = gx.Simulation(gx.Scene(mass), gx.GeneralizedAlpha(dt=0.1))

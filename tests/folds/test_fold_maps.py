@@ -197,15 +197,16 @@ def test_a_folded_plate_with_creases_stays_as_it_is(comm) -> None:
     plate = gx.Plate(
         mesh, gx.Linear(E=3e9, nu=0.3, density=1400.0, thickness=1e-4), hinges=["fold 1", "fold 2"]
     )
-    run = gx.Simulation(
-        gx.Scene(plate, ZIGZAG.start(plate), *ZIGZAG.creases(plate, stiffness=1e-2)),
-        gx.Midpoint(dt=1e-3),
-    )
+    items = (plate, ZIGZAG.start(plate), *ZIGZAG.creases(plate, stiffness=1e-2))
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=1e-3))
     before = gx.fields.positions(run, plate)
     run.run(until=3e-3)
     # In equilibrium: it moves only by the tolerance of three steps.
     error = np.abs(gx.fields.positions(run, plate) - before).max(initial=0.0)
     assert error < 1e-9
+    # An edge is clamped as it is folded: at 1.4 rad to the mesh.
+    clamped = gx.Scene(*items, gx.Fixed(plate, "left", rotation=True)).compile()
+    assert abs(clamped.totals().stored["plate bending"]) < 1e-15
 
 
 @pytest.mark.mpi

@@ -201,6 +201,35 @@ def test_a_run_is_minimised_to_the_closed_form(comm, method):
     assert found.parameters["spring.stiffness"] == pytest.approx([ω**2], rel=1e-4)
 
 
+@pytest.mark.parametrize("method", ["L-BFGS-B", "blmvm"])
+def test_a_result_that_is_zero_at_the_start_is_minimised(comm, method):
+    """x² - 1 from x = 1."""
+
+    def parabola(values):
+        x = values["line.x"]
+        slope = gx.analysis.Derivative("line.x", "1", 2 * x, None)
+        return gx.analysis.Gradient(float(x[0] ** 2 - 1), "1", (slope,))
+
+    found = gx.analysis.minimise_runs(parabola, {"line.x": 1.0}, method=method)
+    assert found.value == pytest.approx(-1.0, abs=1e-12)
+
+
+def test_a_limit_of_what_is_zero_at_the_start(comm):
+    """A spring that is let out by 0.3 m at most hangs 0.3 m lower."""
+    mass = gx.PointMass(1.0, (0.0, 0.0, -1.1), comm=comm)
+    top = gx.Ground((0.0, 0.0, 0.0))
+    spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+    scene = gx.Scene(spring, gx.Gravity(mass, (0.0, 0.0, -10.0)))
+    found = gx.analysis.minimise(
+        gx.Equilibrium(scene),
+        of=gx.probes.Position(mass.port(), "z"),
+        by=["spring.length"],
+        limits=[gx.analysis.Limit(gx.probes.Displacement(mass.port(), "z"), low=-0.3)],
+    )
+    assert found.converged
+    assert found.value == pytest.approx(-1.4, abs=1e-8)
+
+
 def test_what_runs_do_not_give_is_refused(comm):
     with pytest.raises(gx.InputError, match="evaluate returned a float"):
         gx.analysis.minimise_runs(lambda values: 1.0, {"spring.stiffness": 30.0})

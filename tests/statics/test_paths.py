@@ -66,6 +66,21 @@ def test_two_bars_snap_through_and_rise_again(comm):
     np.testing.assert_array_equal(found.unstable, unstable)
 
 
+def test_loads_beside_the_load_factor_have_their_time(comm):
+    """A pull of 10 N/s is 20 N after 2 s, and another one grows from 5 to 10 N, on 100 N/m."""
+    mass = gx.PointMass(1.0, (0.0, 0.0, -1.0), comm=comm)
+    top = gx.Ground((0.0, 0.0, 0.0))
+    spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+    pull = gx.loads.Force(mass.port(), lambda t: (0.0, 0.0, -10.0 * t))
+    more = gx.loads.Force(mass.port(), (0.0, 0.0, -5.0), name="more")
+    equilibrium = gx.Equilibrium(gx.Scene(spring, pull, more))
+    equilibrium.find(at=2.0)
+    probes = {"z": gx.probes.Position(mass.port(), "z")}
+    found = gx.analysis.path(equilibrium, 2.0, by="more.force", start=1.0, probes=probes)
+    assert found.columns["z"][[0, -1]] == pytest.approx([-1.25, -1.3], rel=1e-9)
+    assert equilibrium.time == 2.0
+
+
 def test_units_of_length_do_not_matter(comm):
     """The same points of the path in metres and in millimetres."""
     in_metres = truss_path(comm)
@@ -153,6 +168,12 @@ def test_a_branch_is_chosen_by_a_probe(comm):
         ends[name] = found.columns["branch"][-1]
     assert ends["branch"] > 0.5
     assert ends["mirrored"] == pytest.approx(-ends["branch"], rel=1e-6)
+    made = equilibrium_paths.column(comm, 4)
+    options = {"start": 0.9, "first_step": 0.3, "max_steps": 1, "branch": "branch"}
+    found = gx.analysis.path(made.equilibrium, 1.2, probes=made.probes, **options)
+    # It ends where it turns, and the tries along the branch leave nothing.
+    assert found.branch_points == (1,)
+    assert made.equilibrium.time == found.loads[-1]
     made = equilibrium_paths.column(comm, 4)
     with pytest.raises(gx.InputError, match="'x' does not change along the branch"):
         gx.analysis.path(made.equilibrium, 1.2, first_step=0.3, probes=made.probes, branch="x")
@@ -386,16 +407,17 @@ def test_a_path_that_is_given_up_says_so(comm):
     found = truss_path(comm, max_steps=3)
     assert not found.complete
     assert len(found.loads) == 4
-    with pytest.raises(gx.NoEquilibrium, match="path: no further equilibrium"):
-        follow_to_slack(comm)
-
-
-def follow_to_slack(comm):
-    """A cable that only pulls, and whose end is pushed in: it has no stiffness then."""
+    # A cable that only pulls, and whose end is pushed in: it has no stiffness then.
     rope = gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 1), gx.TensionOnly(EA, line_density=1.0))
     pull = gx.loads.Force(rope.port("end"), lambda t: (1 - t, 0.0, 0.0))
     held = [gx.Fixed(rope, "start"), gx.Fixed(rope, "end", components=(1, 2))]
-    gx.analysis.path(gx.Equilibrium(gx.Scene(*held, pull)), 2.0)
+    equilibrium = gx.Equilibrium(gx.Scene(*held, pull))
+    with pytest.raises(gx.NoEquilibrium, match="path: no further equilibrium"):
+        gx.analysis.path(equilibrium, 2.0)
+    # It stands at the last point, just before the cable is slack.
+    assert 0.9 < equilibrium.time < 1.0
+    force, _ = equilibrium.reaction(held[0])
+    assert force[0] == pytest.approx(equilibrium.time - 1, abs=1e-9)
 
 
 def test_contact_is_refused(comm):

@@ -194,13 +194,16 @@ def test_a_cable_that_is_cut_short(comm, factor):
     """Its tension is that of the law at the stretch 1/factor, and its mass that of the natural
     length."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (2.0, 0, 0)], 4), ROPE, length_factor=factor)
-    end = gx.Fixed(cable, "end")
-    equilibrium = at_rest(cable, gx.Fixed(cable, "start"), end)
+    start, end = gx.Fixed(cable, "start"), gx.Fixed(cable, "end")
+    equilibrium = at_rest(cable, start, end)
     stretch = 1 / factor
     tension = ROPE.EA * (stretch**2 - 1) / 2 * stretch
     force, _ = equilibrium.reaction(end)
     # Uniform along the cable.
     assert force == pytest.approx([tension, 0.0, 0.0], abs=1e-6 * tension)
+    # A step whose strains do not change has nothing to correct the mean stress of its path by.
+    run = run_until(2e-3, cable, start, end, dt=1e-3)
+    assert gx.probes.Tension(cable)(run) == pytest.approx(tension, rel=1e-9)
     hanging = gx.Cable(line(comm, [(0, 0, 0), (0, 0, 2.0)], 4), ROPE, length_factor=factor)
     top = gx.Fixed(hanging, "end")
     weighed = at_rest(hanging, top, gx.Gravity(hanging, (0.0, 0.0, -10.0)))

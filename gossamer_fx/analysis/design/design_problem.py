@@ -30,7 +30,8 @@ from gossamer_fx.core.model.body import Array
 
 LOGGER = logging.getLogger("gossamer_fx")
 
-TINY = 1e-300  # against division by zero
+# A result over its largest derivative by a scaled number, below which it counts as zero.
+ZERO = 1e-8
 
 
 class Source(Protocol):
@@ -56,12 +57,13 @@ class Source(Protocol):
 
 
 class EquilibriumSource:
-    """Results of an equilibrium, which is found again from the last one when parameters change."""
+    """Results of an equilibrium, which is found again from the last one when parameters change,
+    under the loads of its time."""
 
     def __init__(self, equilibrium: Equilibrium, by: Sequence[str]) -> None:
         self.comm = equilibrium.comm
         self._equilibrium = equilibrium
-        equilibrium.find()
+        equilibrium.find(at=equilibrium.time)
         # Forms are compiled once, for all evaluations.
         self._gradients = StaticGradients(equilibrium, by)
         self._gradients.factorise()
@@ -79,7 +81,7 @@ class EquilibriumSource:
             variable.set(values[name])
         # Masses and constants that the system keeps depend on parameters.
         self._equilibrium.system.parameters_changed()
-        self._equilibrium.find()
+        self._equilibrium.find(at=self._equilibrium.time)
         self._gradients.factorise()
 
     def gradient(self, objective: Objective) -> Gradient:
@@ -226,7 +228,7 @@ class DesignProblem:
         # Numbers for which the source is set, and results there by the identity of the objective.
         self._at = self.start
         self._known: dict[int, tuple[float, Array]] = {}
-        self._scale_of_value = max(abs(self.value(self.start)), TINY)
+        self._scale_of_value = self.size_at_start(of)
         self.history = [self.value(self.start)]
         # The log of an iteration also says how large the problem is.
         LOGGER.info("%s: %d numbers, value %.9g", who, self.size, self.history[0])
@@ -354,6 +356,16 @@ class DesignProblem:
                 slopes.append(variable.slope(derivative.values, self.comm, is_field))
             self._known[id(objective)] = (found.value, np.concatenate(slopes))
         return self._known[id(objective)]
+
+    def size_at_start(self, objective: Any) -> float:
+        """Size of a result at the start, by which it is divided; of one that is zero there, its
+        largest derivative by a scaled number.  Collective."""
+        value, slope = self.evaluate(objective, self.start)
+        largest = float(np.abs(slope).max(initial=0.0))
+        largest = self.comm.allreduce(largest, op=MPI.MAX)
+        if abs(value) <= ZERO * largest:
+            return largest or 1.0
+        return abs(value)
 
     def value(self, x: Array) -> float:
         """The result.  Collective."""

@@ -29,7 +29,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.design.design_problem import (
-    TINY,
     DesignProblem,
     EquilibriumSource,
     RunSource,
@@ -309,7 +308,8 @@ def minimise(
     ranks "blmvm".
 
     Args:
-        equilibrium: its scene is changed; `find` is called by the minimisation.
+        equilibrium: its scene is changed; `find` is called by the minimisation, at the time of the
+            present loads.
         of: a result with derivatives, see `gx.analysis.gradient`.
         by: names of the parameters.
         bounds: for parameters by name the smallest and the largest value, numbers or arrays of this
@@ -477,7 +477,7 @@ def _constraints(problem: DesignProblem, limits: Sequence[Limit]) -> list[dict[s
     """Return limits as SciPy's SLSQP takes them, over the size of each result at the start."""
     found: list[dict[str, Any]] = []
     for limit in limits:
-        size = max(abs(problem.evaluate(limit.of, problem.start)[0]), TINY)
+        size = problem.size_at_start(limit.of)
         if limit.low == limit.high:
             found.append(_constraint(problem, "eq", limit.of, 1 / size, limit.low))
             continue

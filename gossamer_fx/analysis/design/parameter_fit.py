@@ -41,7 +41,7 @@ from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.arguments import Range, check_arguments
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
 
@@ -103,7 +103,8 @@ def fit(
     The scene has the parameters afterwards and stands in their equilibrium.
 
     Args:
-        equilibrium: its scene is changed; `find` is called by the fit.
+        equilibrium: its scene is changed; `find` is called by the fit, at the time of the present
+            loads.
         of: results with derivatives, see `gx.analysis.gradient`.
         measured: their values (m,), in the units of the results.
         by: names of the parameters.
@@ -270,8 +271,14 @@ def _solve(
     )
     σ = np.broadcast_to(given, y.shape)
     _check(problem, evaluate, y, σ)
+    names = ", ".join(variable.name for variable in problem.variables)
+    undetermined = (
+        f"{who}: the results do not determine {names}; fit fewer parameters, or measure more."
+    )
 
     def residuals(x: Array) -> Array:
+        # SciPy divides by zero where a column of the Jacobian depends on others.
+        check(bool(np.isfinite(x).all()), undetermined)
         values = np.array([value for value, _ in evaluate(x)])
         return (values - y) / σ
 
@@ -298,13 +305,8 @@ def _solve(
     spare = len(y) - len(found.x)
     if spare:
         scatter = math.sqrt(float(found.fun @ found.fun) / spare)
-    try:
-        covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, scatter) ** 2
-    except np.linalg.LinAlgError:
-        names = ", ".join(variable.name for variable in problem.variables)
-        raise InputError(
-            f"{who}: the results do not determine {names}; fit fewer parameters, or measure more."
-        ) from None
+    check(bool(np.linalg.matrix_rank(found.jac) == len(found.x)), undetermined)
+    covariance = np.linalg.inv(found.jac.T @ found.jac) * max(1.0, scatter) ** 2
     # Of the scaled numbers, so far.
     deviations = np.sqrt(np.diag(covariance))
     errors: dict[str, Array] = {}

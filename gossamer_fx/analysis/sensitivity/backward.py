@@ -95,6 +95,9 @@ class TransposedSolver:
     """Solves Aᵀ x = b by factors of A; matrices of one pattern share the ordering of the first."""
 
     def __init__(self, A: PETSc.Mat) -> None:
+        # On several ranks PETSc keeps the factors of solvers that Python has dropped until all
+        # ranks ask for this.
+        PETSc.garbage_cleanup(A.comm)
         # A scene of gas between rigid walls has no coordinates, and MUMPS factorises no empty
         # matrix.
         self._is_empty = A.getSize()[0] == 0
@@ -144,10 +147,6 @@ class TransposedSolver:
             return
         self._pc.applyTranspose(self._residual, self._correction)
         x.axpy(1.0, self._correction)
-
-    def destroy(self) -> None:
-        """Free the factors."""
-        self._pc.destroy()
 
 
 # Largest residual of a step that was made again, over the inertia in it.  More means that something

@@ -71,6 +71,32 @@ class TransientGradients:
         system = self._system
         present = self._tape.states[-1]
         remainder = system.increment.remainder.copy()
+        # Without the round-off of a sum of steps, which the tape has.
+        time = system.time
+        try:
+            value, duration = self._sum_up(objective)
+        finally:
+            # Also where a step cannot be repeated: the run goes on from here.
+            self._tape.restore(present)
+            remainder.copy(system.increment.remainder)
+            system.time = time
+        growth = growth_of(self.norms)
+        self._warn(growth, duration)
+        notes: list[str] = []
+        for compiled in system.differentiable:
+            notes += compiled.gradient_notes()
+        return collected(
+            value=value,
+            unit=objective.unit,
+            variables=self.variables,
+            comm=system.comm,
+            growth=growth,
+            notes=notes,
+        )
+
+    def _sum_up(self, objective: Objective) -> tuple[float, float]:
+        """Go backwards through the steps, and add up the derivatives of a result by the variables.
+        Returns its value and how long the steps take together [s].  Collective."""
         value, observed, shares = self._observed(objective)
         for variable in self.variables:
             variable.start()
@@ -97,21 +123,7 @@ class TransientGradients:
         self._add_masses()
         for variable in self.variables:
             variable.add_start(self._by_position, self._by_velocity)
-        self._tape.restore(present)
-        remainder.copy(system.increment.remainder)
-        growth = growth_of(self.norms)
-        self._warn(growth, duration)
-        notes: list[str] = []
-        for compiled in system.differentiable:
-            notes += compiled.gradient_notes()
-        return collected(
-            value=value,
-            unit=objective.unit,
-            variables=self.variables,
-            comm=system.comm,
-            growth=growth,
-            notes=notes,
-        )
+        return value, duration
 
     def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
         """The value of a result; the result that is observed in states of the tape; and the

@@ -181,7 +181,8 @@ def path(
     Without `by` the load factor is the load parameter `at` of `Equilibrium.find`, so that a path
     may have any loads, prescribed motions and temperatures that are functions of time.  With
     `by="item.quantity"`, a name as of `analysis.gradient`, it multiplies the value of that number
-    or field in the scene, e.g. a force, a pressure, gravity or an initial stress.
+    or field in the scene, e.g. a force, a pressure, gravity or an initial stress; the product stays
+    there, and is the value of a next path unless that one resumes.
 
     The equilibrium has the state of the last point then, which need not be stable, and its `result`
     is that of the first point.
@@ -189,7 +190,8 @@ def path(
     Args:
         equilibrium: of a scene without contact; its present state is the first guess.
         until: load factor at which the path ends.
-        by: what the load factor multiplies; "": it is the time of the loads.
+        by: what the load factor multiplies, while other loads have their present time; "": it is
+            the time of the loads.
         start: load factor of the first point, which is found by `Equilibrium.find`.
         first_step: first step of the load factor; default: a twentieth of the way.
         max_steps: number of points after which the path ends in any case.
@@ -243,11 +245,8 @@ def path(
     )
     if not isinstance(follower, _Follower) or not resume:
         load = _Load(system, by)
-        if by:
-            load.set(start)
-            equilibrium.find()
-        else:
-            equilibrium.find(at=start)
+        load.set(start)
+        equilibrium.find(at=load.time(start))
         step = first_step or abs(until - start) / 20
         follower = _Follower(equilibrium, load, start=start, toward=until, first_step=step)
         follower.branch = branch
@@ -264,6 +263,7 @@ class _Load:
         the time.  Raises `InputError` if the scene has no such number, or it is zero, a shape or a
         stiffness that is assembled once."""
         self._system = system
+        self._time = system.time
         self._variable: Variable | None = None
         if not name:
             return
@@ -310,8 +310,9 @@ class _Load:
             compiled.parameters_changed()
 
     def time(self, factor: float) -> float:
-        """Time of the loads [s] at a load factor; zero if this multiplies a number."""
-        return factor if self._variable is None else 0.0
+        """Time of the loads [s] at a load factor; that before the path if it multiplies a
+        number."""
+        return factor if self._variable is None else self._time
 
 
 class _PathNewton(Newton):
@@ -839,12 +840,17 @@ class _Follower:
                 length /= 2
             else:
                 return point
-        # The state is that of the last point, and so is the load.
-        self._load.set(self._last.factor)
+        self._stand_at_last()
         raise NoEquilibrium(
             f"path: no further equilibrium from the load factor {self._last.factor:.6g} on, "
             f"last failure: {reason}."
         )
+
+    def _stand_at_last(self) -> None:
+        """Give load, reactions and time of the last point to the system, whose state is that point,
+        after steps that were not accepted.  Collective."""
+        self._newton.begin_at_point(self._last.factor)
+        self._system.time = self._load.time(self._last.factor)
 
     def _cosine(self, point: _Point) -> float:
         """Cosine of the angle between the tangents at the last point and at another one."""
@@ -897,6 +903,7 @@ class _Follower:
             if self.branch and branch_points == [len(points) - 1]:
                 self._turn(probes[self.branch], self.branch)
                 self._length = self._branch_length(tolerance)
+                self._stand_at_last()
                 self.branch = ""
         return EquilibriumPath(
             np.array([point.factor for point in points]),

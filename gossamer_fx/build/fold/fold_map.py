@@ -41,7 +41,7 @@ class Folded:
     of the folded shape, which is moved to `origin` [m]; velocities do not change.  `FoldMap.start`
     makes it.
 
-    Ports, joints, tethers, contact and probes start with the folded film.
+    Ports, joints, clamped edges, tethers, contact and probes start with the folded film.
     """
 
     film: Membrane
@@ -58,13 +58,15 @@ class Folded:
         Collective."""
         film = self.film
         flat = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
+        # A rank may have no nodes.
+        size = float(np.abs(flat).max(initial=0.0))
         check_on_all(
             film.comm,
-            bool(np.allclose(start[film].positions(), flat, rtol=0, atol=FIT * np.ptp(flat))),
+            bool(np.allclose(start[film].positions(), flat, rtol=0, atol=FIT * size)),
             f"'{self.name}': '{film.name}' has a displacement or another start, which the folds "
             "would replace; leave it out.",
         )
-        start.place(self.film, self.positions())
+        start.place(self.film, self.positions(), as_made=True)
 
     def positions(self) -> Array:
         """Return the folded positions (n, 3) [m] of this rank's nodes of the film.  Collective.  A

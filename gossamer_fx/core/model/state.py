@@ -206,14 +206,24 @@ class InitialState(State):
         q = PETSc.Vec().createMPI((size, PETSc.DECIDE), comm=comm)
         v = q.duplicate()
         super().__init__(bodies, comm, q, v)
+        # By the identity of the body: the shape that clamped edges refer to.
+        self._made: dict[int, Array] = {}
         for one in self:
             coordinates, rates = one.body.initial_state()
-            self.place(one.body, coordinates)
+            self.place(one.body, coordinates, as_made=True)
             self.set_in_motion(one.body, rates)
 
-    def place(self, body: Body, coordinates: Array) -> None:
-        """Set the coordinates of a body's owned nodes, (n, s, 3) or flattened [m]."""
+    def place(self, body: Body, coordinates: Array, *, as_made: bool = False) -> None:
+        """Set the coordinates of a body's owned nodes, (n, s, 3) or flattened [m]; `as_made`: as if
+        the body had been made there, e.g. folded."""
         self._q.array[self[body].owned] = np.ravel(coordinates)
+        if as_made:
+            self._made[id(body)] = np.ravel(coordinates)
+
+    def made(self, body: Body) -> Array:
+        """The coordinates (k,) of a body's owned nodes as it was made, which another state as start
+        does not change."""
+        return self._made[id(body)]
 
     def set_in_motion(self, body: Body, rates: Array) -> None:
         """Set the rates of the coordinates of a body's owned nodes, (n, s, 3) or flattened

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -372,8 +372,17 @@ class Cable(Curve):
             self,
             numbers,
             self.law.quadratic,
-            pieces=lambda e0, e1: self.law.pieces(e0, e1, self.constants),
+            pieces=self._pieces,
         )
+
+    def _pieces(self, e0: Expr, e1: Expr) -> list[Piece]:
+        """The pieces of the law, with stresses [N] of `density`, which is per length of the
+        mesh."""
+
+        def scaled(piece: Piece) -> Piece:
+            return replace(piece, stress=lambda ea, eb: self.per_mesh_length(piece.stress(ea, eb)))
+
+        return [scaled(piece) for piece in self.law.pieces(e0, e1, self.constants)]
 
     def density(self, e: Expr) -> Expr:
         """Stored energy per unit length of the mesh [J/m] of the strain e = (ε,)."""

@@ -30,8 +30,8 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 # singular to working precision.
 SINGULAR_INERTIA = 1e-12
 
-# Round-off that is allowed in the triangle inequality of principal inertias, relative to the
-# largest. A flat plate satisfies the inequality as an equality.
+# Round-off that is allowed in the symmetry and in the triangle inequality of inertias, relative to
+# the largest. A flat plate satisfies the inequality as an equality.
 INERTIA_TOLERANCE = 1e-9
 
 # Allowed error of an attitude's orthonormality.  A matrix that a user typed with few digits is
@@ -111,7 +111,10 @@ class RigidBody(OneNode):
             tensor = np.diag(tensor)
         # The shape is tested first: a matrix of another shape cannot be compared with its
         # transpose.
-        is_symmetric = tensor.shape == (3, 3) and bool(np.allclose(tensor, tensor.T))
+        round_off = INERTIA_TOLERANCE * np.abs(tensor).max(initial=0.0)
+        is_symmetric = tensor.shape == (3, 3) and bool(
+            np.allclose(tensor, tensor.T, atol=round_off)
+        )
         check(
             is_symmetric,
             f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; "

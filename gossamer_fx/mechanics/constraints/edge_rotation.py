@@ -23,7 +23,7 @@ from gossamer_fx.core.forms.bending import EDGE_DEGREE
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector, unit
-from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.plate import Plate
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
@@ -88,7 +88,9 @@ class EdgeRotation:
             )
             return
         if self.direction is None:
-            slope = self._slope(self.plate.initial_state()[0])
+            # Not that of the start: Nitsche's method lets an equilibrium turn a little there.
+            assert isinstance(start, InitialState)
+            slope = self._slope(start.made(self.plate))
             d = slope / ufl.sqrt(ufl.dot(slope, slope))
         else:
             direction = unit(self.direction)

@@ -56,7 +56,7 @@ class Fixed:
         direction: of a beam the normal of the sections, of a plate the vector to which it is
             tangent at the edge, across it; three numbers of any length, or a function of the points
             (3, n) of the stress-free shape and the time [s] that returns (3, n).  None: as it
-            starts.
+            is made or folded.
         twist: angle [rad] of the sections of a beam about the direction, or a function of time [s].
         name: name in messages and output.
 

@@ -96,6 +96,13 @@ def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[Point
     yield product(f"{name} rotation 1", g2, p3)
 
 
+def axis_at(axis: Vector, sides: tuple[Frame, Frame], start: State) -> Array:
+    """The axis (3,) of two frames at the start of a scene: fixed in one with three directors, of
+    two in the ground, and else in a body that may have turned since it was made.  Collective."""
+    carrier = min(sides, key=lambda side: (len(side.directors) < 3, isinstance(side.origin, Port)))
+    return start.vector(along(unit(axis), carrier))
+
+
 def same_axis(
     name: str, n: Array, full: Frame, other: Frame, start: State
 ) -> Iterable[PointConstraint]:
@@ -299,7 +306,8 @@ class RevoluteJoint(AxisJoint):
     def terms(self, start: State) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin, start)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
-        yield from same_axis(self.name, unit(self.axis), *self._sides, start)
+        n = axis_at(self.axis, self._sides, start)
+        yield from same_axis(self.name, n, *self._sides, start)
 
 
 @check_arguments
@@ -349,8 +357,9 @@ class UniversalJoint(FrameJoint):
         check_coincide(self.name, self.a.origin, self.b.origin, start)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
         a, b = self._sides
-        n = along(unit(self.axis_a), a, start.vector)
-        m = along(unit(self.axis_b), b, start.vector)
+        # Carried by the bodies since they were made, as they may start turned.
+        n = along(unit(self.axis_a), a)
+        m = along(unit(self.axis_b), b)
         yield product(f"{self.name} cross", n, m)
 
 
@@ -389,7 +398,8 @@ class PrismaticJoint(AxisJoint):
     def terms(self, start: State) -> Iterable[Term]:
         a, b = self._sides
         yield from same_rotation(self.name, a, b, start)
-        yield from on_axis("PrismaticJoint", self.name, unit(self.axis), a, b, start)
+        n = axis_at(self.axis, self._sides, start)
+        yield from on_axis("PrismaticJoint", self.name, n, a, b, start)
 
 
 @check_arguments
@@ -427,7 +437,7 @@ class CylindricalJoint(AxisJoint):
         return self.a.complete, self.b.complete
 
     def terms(self, start: State) -> Iterable[Term]:
-        n = unit(self.axis)
+        n = axis_at(self.axis, self._sides, start)
         a, b = self._sides
         yield from same_axis(self.name, n, a, b, start)
         yield from on_axis("CylindricalJoint", self.name, n, a, b, start)

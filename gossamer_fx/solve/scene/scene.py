@@ -76,7 +76,8 @@ class RigidMotion:
 class StartFrom:
     """Takes the initial positions and directors from another compiled scene of the same bodies.
 
-    The other scene is, for example, that of an equilibrium.  A reduced film also starts from its
+    The other scene is, for example, that of an equilibrium.  Axes and angles of hinges count from
+    the bodies as they were made, and have turned with them.  A reduced film also starts from its
     full one: from the part of that shape which its modes hold.
 
     Args:
@@ -276,9 +277,10 @@ class Scene:
                     "check the function that gives it.",
                 )
         start = InitialState(self.bodies, self.comm)
-        for item in self.items:
-            if isinstance(item, InitialCondition):
-                item.initialise(start)
+        conditions = [item for item in self.items if isinstance(item, InitialCondition)]
+        # Rigid motions last: their velocities are those at the places that others give to bodies.
+        for condition in sorted(conditions, key=lambda one: isinstance(one, RigidMotion)):
+            condition.initialise(start)
         items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
         system = System(start, items, rule or PathAverage())
         kinds: dict[type[ScalarUnknowns], list[object]] = {}
