@@ -347,3 +347,39 @@ def test_a_single_output_is_not_mixed_into_a_recorded_run(folder: Path, name: st
         gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[other])
     # other files may be next to those of the run
     gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[gx.Ledger(folder / "run" / "mine.csv")])
+
+
+class StatusWatch:
+    """Notes the status in the run.json of a folder, as a reader of a run that goes on sees it."""
+
+    times = ()
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.seen: list[str] = []
+
+    def open(self, run: object) -> None:
+        pass
+
+    def record(self, run: object, last: bool) -> None:
+        self.seen.append(json.loads((self.folder / "run.json").read_text())["status"])
+
+    def close(self, run: object) -> None:
+        pass
+
+
+def test_a_run_that_was_restarted_runs(tmp_path: Path) -> None:
+    saves = gx.Checkpoints(tmp_path / "saves")
+    ball = gx.PointMass(1.0, comm=MPI.COMM_SELF, name="ball")
+    for until, restart in ((0.2, None), (0.4, saves.folder)):
+        watch = StatusWatch(tmp_path)
+        run = gx.Simulation(
+            gx.Scene(ball),
+            gx.Midpoint(dt=0.1),
+            outputs=[gx.Recording(tmp_path), watch],
+            checkpoints=saves,
+            restart=restart,
+        )
+        run.run(until=until)
+        assert set(watch.seen) == {"running"}
+        assert gx.plot.RunReader(tmp_path).about["status"] == "finished"
