@@ -23,7 +23,7 @@ from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistan
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.records.probes.points import AXES, AxisName
-from gossamer_fx.solve.view import StateView
+from gossamer_fx.solve.view import ForSystem, StateView
 
 
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
@@ -256,7 +256,9 @@ class Crossings:
                 f"Crossings: '{film.name}' is given twice.",
             )
         self.bodies = bodies
-        self._mesh: CollisionMesh | None = None
+        self._mesh = ForSystem(
+            lambda system: CollisionMesh(bodies, [], [0.0] * len(bodies), system)
+        )
 
     def __call__(self, run: StateView) -> float:
         """The number of edges that intersect a triangle in the state of a run.  Collective.
@@ -274,9 +276,7 @@ class Crossings:
                 f"'{film.name}' is not in the scene; add it, or remove its probe.",
             )
         c_library(HEADER, run.comm)
-        if self._mesh is None:
-            self._mesh = CollisionMesh(self.bodies, [], [0.0] * len(self.bodies), system)
-        mesh = self._mesh
+        mesh = self._mesh(system)
         x = mesh.points.at(system.q0, system.time)
         import_facets(mesh, x, x)
         # The points of the mesh may be other ones now.
