@@ -108,7 +108,8 @@ class SharedRuns:
 
         Raises:
             InputError: the outcome refuses its values, or returns something other than numbers.
-            InputError: the file of a result is damaged, or cannot be written.
+            InputError: the file of a result is damaged.
+            OutputFailure: a file cannot be written.
         """
         found: dict[int, Result] = {}
         while len(found) < len(cases):
