@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.analysis.cases.results import values_text
 from gossamer_fx.app.cli.scene_sweep import values_of
 from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
 
@@ -87,6 +88,10 @@ def test_a_picture_says_what_it_leaves_out(
     run_factorial(sweep, MPI.COMM_SELF, tmp_path)
     assert len(drawn[0].axes) == 12
     assert drawn[0].get_suptitle().split(";")[0] == words
+
+
+def test_seeds_are_told_apart_by_their_last_digit() -> None:
+    assert values_text({"seed": 1000001, "on": True, "E": 2.5e9}) == "seed 1000001, on 1, E 2.5e+09"
 
 
 def test_words_of_the_command_line_are_values() -> None:
