@@ -231,7 +231,7 @@ class TestInstalledCommand:
             assert "2 ranks that do not see each other" in done.stderr or rank == 1
 
     def test_ranks_that_were_not_started_are_told(self, tmp_path: Path) -> None:
-        """As under srun; the script of a job of Slurm is no rank, and starts them."""
+        """As under srun; the script of a job of Slurm is not a rank, and starts them."""
         words = ("run", str(tmp_path / "no.py"), "--ranks", "2")
         done = command(*words, SLURM_STEP_ID="0")
         assert done.returncode == 2 and done.stderr.count("\n") == 1

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.bodies.membrane import Membrane
 
 # Environment variables by which mpirun or a batch system shows that it started this process.
-# Slurm sets SLURM_PROCID in the script of a job, too, which is no rank.
+# Slurm sets SLURM_PROCID in the script of a job, too, which is not a rank.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_STEP_ID")
 
 

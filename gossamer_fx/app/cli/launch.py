@@ -285,7 +285,7 @@ def launch_alike(jobs: int, program: Sequence[str]) -> int:
     for number in _HANDED_ON:
         signal.signal(number, hand_on)
     for job in range(jobs):
-        # In a session of its own a process does not get Ctrl-C of a terminal a second time.
+        # In a separate session a process does not get Ctrl-C of a terminal a second time.
         run = subprocess.Popen(
             [sys.executable, *program],
             stdout=subprocess.DEVNULL if job else None,

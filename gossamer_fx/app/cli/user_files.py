@@ -146,7 +146,7 @@ def guarded[T](
     """
     try:
         return act()
-    # Their messages are sentences already, and a full disk is no error of the file.
+    # Their messages are sentences already, and a full disk is not an error of the file.
     except (InputError, StepFailure, NoEquilibrium, OutputFailure, Interrupted):
         raise
     except (Exception, SystemExit) as error:
