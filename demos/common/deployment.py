@@ -149,6 +149,13 @@ def smooth(share: float) -> float:
     return share * share * (3 - 2 * share)
 
 
+def smooth_start(t: float, ramp: float) -> float:
+    """Distance at the time t over the final speed [s], of a motion from rest whose speed grows
+    smoothly within the time `ramp` [s]."""
+    share = min(t / ramp, 1.0)
+    return ramp * (share**3 - share**4 / 2) + max(t - ramp, 0.0)
+
+
 def fold_angles(creases: Sequence[gx.connectors.Crease]) -> dict[str, Probe]:
     """Probes of the mean angle of each crease [rad]."""
     return {f"{crease.name} [rad]": gx.probes.FoldAngle(crease) for crease in creases}

@@ -32,7 +32,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_figures, smooth
+from demos.common.deployment import print_figures, smooth, smooth_start
 from demos.common.figures import BLUE, GREEN, RED, finish, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import sheet
@@ -52,11 +52,7 @@ STACKS = ((2, 20.0), (3, 20.0), (5, 20.0), (3, 5.0), (3, 10.0))
 
 def pull(t: float) -> float:
     """Displacement [m] of the pulled edges: they reach `SPEED` within 5 ms."""
-    ramp = 5e-3
-    since = max(t - PRESSED, 0.0)
-    share = min(since / ramp, 1.0)
-    accelerating = SPEED * ramp * (share**3 - share**4 / 2)
-    return accelerating + SPEED * max(since - ramp, 0.0)
+    return SPEED * smooth_start(max(t - PRESSED, 0.0), ramp=5e-3)
 
 
 def build(

@@ -107,7 +107,7 @@ def main(output: str | Path | None = None, cells: int = 6) -> dict[str, float]:
         inflated = triangles(search.system, film)
         found[folded] = (gx.analysis.EnclosedVolume(film)(search), energy)
         shapes = {"folded": start, "inflated from there": inflated}
-    # Three factors of two: enough to see the fourth power.
+    # A decade: enough to see the fourth power.
     openings = np.array([1e-4, 2e-4, 5e-4, 1e-3])
     energies = start_energies(openings, cells)
     if output is not None:

@@ -23,7 +23,7 @@ Where the values come from:
                          demos/common/manufacturing.py
 
 The picture has 2022 unknowns (`cells=8`, four minutes of CPU time); the demo has 582 and takes a
-minute.  The rings between the compartments open at the same times, 4.5 and 5.7 ms.
+minute.  The rings between its compartments open at 4.4 and 5.6 ms.
 
     ./gossamer demo folded_tube
     ./gossamer run demos/inflatables/folded_tube.py cells=6 --output out/folded_tube

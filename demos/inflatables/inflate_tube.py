@@ -15,9 +15,10 @@ Where the values come from:
                        report (2009), §4(4)
     film               polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34,
                        1420 kg/m³
-    diameter 58 mm     chosen: hoop stress 12 MPa at 10 kPa, a sixth of the film's yield strength
+    diameter 58 mm     chosen: hoop stress 17 MPa at 15 kPa, a quarter of the film's yield strength
                        (69 MPa, data sheet)
-    tank               chosen: 20 ml of nitrogen at 1.5 MPa and 293 K fill the tube to about 10 kPa
+    tank               chosen: 20 ml of nitrogen at 1.5 MPa and 293 K would fill the tube to about
+                       15 kPa; it has 3 kPa at the end of the run
     valve              chosen: soft start, a bleed of 0.2 mm bore opens the tube, then a bore of 1
                        mm presses it up; discharge coefficient 0.8
     residual 1e-6      ratio of compressive to tensile stiffness; no result depends on it visibly

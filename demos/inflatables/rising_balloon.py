@@ -1,6 +1,6 @@
 """At which altitude is a balloon full that is let go with room for its gas?
 
-A helium balloon is let go with 78 % of its volume.  It rises, the pressure of the air falls, the
+A helium balloon is let go with 77 % of its volume.  It rises, the pressure of the air falls, the
 gas expands, and the folds of the film open.  By hand, with the volumes V0 at the start and V1 when
 it is full, and the scale height H = R T/g of air of one temperature:
 

@@ -163,7 +163,6 @@ def main(
     series = gx.Series(probes)
     run = gx.Simulation(boom.scene, gx.Midpoint(dt), outputs=[series], events=boom.events)
     first = sum(run.first.stored.values())
-    latched = until
     while run.time < until and not all_latched(run):
         run.run(until=min(run.time + 50 * dt, until))
     latched = run.time

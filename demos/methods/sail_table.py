@@ -22,8 +22,8 @@ Where the values come from:
     film               2.5 µm; optics `gossamer_fx.mechanics.orbit.optics.JPL_SAIL`
     shape              chosen: a frame of 20 m × 20 m, 1 % smaller than the film
     modulus            chosen: 1 MPa instead of 2.5 GPa, so that Newton's method converges; strains
-                       are a thousandth then, small against the slack, and a fifth of it changes Fz
-                       by 0.1 %
+                       are a ten-thousandth then, small against the slack, and a fifth of it changes
+                       Fz by 0.1 %
 
     ./gossamer demo sail_table
 """
@@ -83,7 +83,7 @@ def build(comm: MPI.Intracomm, directions: Array, cells: int = 10) -> gx.Equilib
     mesh.groups["frame"] = (1, np.concatenate([mesh.groups[edge][1] for edge in EDGES]))
     film = gx.Membrane(mesh, FILM, displacement=slack)
     frame = gx.Fixed(film, "frame", name="frame")
-    # The light moves the film by its own width in about a minute.
+    # The light moves the film by its own width in about two minutes.
     search = gx.analysis.Continuation(first_step=20.0)
     # `find(at=k)` takes direction k.
     light = gx.orbit.Sunlight(film, direction=lambda k: directions[round(k)], optics=JPL_SAIL)

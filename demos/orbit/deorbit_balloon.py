@@ -120,7 +120,7 @@ def main(
         velocity=turning,
         name="pillow",
     )
-    # The flat films enclose nothing: a litre for the gas of the start, which is not seen in 7 m³.
+    # The flat films enclose nothing: a litre for the gas of the start, which is not seen in 12 m³.
     gas = gx.Chamber(
         film, gas=NITROGEN, pressure=PRESSURE, temperature=TEMPERATURE, dead_volume=1e-3
     )

@@ -3,7 +3,7 @@
 Four petals, 173 m² and 770 kg m² together, at 1.03 au and a sun angle of 1°.  Each is turned about
 its radius by the pitch δ, which represents the mean effect of curved devices and wrinkles.  The
 pressure of sunlight along its normal has the torque 2 P A δ r about the axis.  In June 2011 IKAROS
-lost 0.6 rpm in 21 days, a torque of -2.7e-5 N m (or more): 0.16 % of 2 P A · 10 m.
+lost 0.6 rpm in 21 days, a torque of -2.7e-5 N m (or more): 0.18 % of 2 P A · 10 m.
 
 Which shape has this torque?  Light along the axis pushes a face of slope ∇w by -P' ∇w dA in the
 plane, P' = (c_0 + c_1) P of `Optics`, to first order.  About the axis that is
@@ -238,14 +238,14 @@ def main(
     run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
     frame = body.frame()
 
-    def spin(system: object) -> float:
+    def spin() -> float:
         directors = run.system.state.vectors(frame.directors[:2])
         rates = run.system.state.rates(frame.directors[:2])
         return float(rates[0] @ directors[1])
 
-    before = spin(run.system)
+    before = spin()
     run.run(until=steps * dt)
-    braked = INERTIA * (spin(run.system) - before) / run.time
+    braked = INERTIA * (spin() - before) / run.time
     P = orbit.pressure / DISTANCE**2
     mirrored, both, _ = OPTICS.coefficients()
     # dF/dδ along the motion of a petal: only the part of the force along the normal has one.

@@ -17,8 +17,8 @@ Where the values come from:
     290 kg, φ1.6 m
                          JAXA's press kit and the project's blog; here the sail ends at whole rows
                          of folds
-    7.4 rpm in the cross project's blog, item 550 (6 June 2010); docs/measured.md compares the spin
-    with the flight's
+    7.4 rpm in the cross project's blog, item 550 (6 June 2010), of arms "a little over 5 m" out;
+    docs/measured.md compares the spin with the flight's
     hub 85 kg m²         of a uniform cylinder 93; less, as docs/measured.md says
     tethers              1e4 N/m, chosen
     film                 polyimide of 7.5 µm, 3 GPa; devices are spread evenly
@@ -84,10 +84,10 @@ MAX_ITERATIONS = 25
 TAPE_LINE_DENSITY = 3.6e-4
 # The sail counts as open when the middles of its edges are at this radius.
 OUT = 6.0  # m
-ARM_END = 7.4  # spin at the end of stage 1 [rpm]
+ARM_END = 7.4  # spin in the cross [rpm]
 # In flight: radius of the tips [m], if known, and spin [rpm].
 FLIGHT = {
-    "end of stage 1 (6 June 2010)": (None, ARM_END),
+    "stage 1, arms 5 m out (6 June 2010)": (None, ARM_END),
     "open (16 June 2010)": (9.97, 2.5),
 }
 

@@ -27,8 +27,8 @@ Where the values come from:
     masses, hub          as in the demo `ikaros`; 12 of 14 kg of the trapezoids are devices, whose
                          places were not published: `edge` is the part of the 14 kg along the outer
                          edges, the rest is spread evenly
-    rate                 chosen: stage 1 began on 3 June 2010, and 7.4 rpm were reported for the end
-                         of 4 June, with arms "a little over 5 m" out (project's blog, item 550)
+    rate                 chosen: stage 1 began on 3 June 2010, and 7.4 rpm were reported for 6 June,
+                         with arms held "a little over 5 m" out (project's blog, item 550)
     rods                 as in the demo `ikaros_arms`
 
     ./gossamer demo ikaros_release
@@ -46,7 +46,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import deployment_case, print_figures
+from demos.common.deployment import deployment_case, print_figures, smooth_start
 from demos.common.figures import BLUE, GREEN, GREY, RED, finish, new_figure, save
 from demos.common.rotation_guides import RotationGuides
 from demos.common.spinning import RPM, drum, laid_along, spin_figures, spin_probes, turned
@@ -390,9 +390,7 @@ def first_free(arms: Arms, free: int) -> int:
 def let_out(t: float, until: float) -> float:
     """Length over the final rate [s] that is let out by the time t: the rate grows smoothly in the
     first third of a run."""
-    ramp = until / 3
-    share = min(t / ramp, 1.0)
-    return ramp * (share**3 - share**4 / 2) + max(t - ramp, 0.0)
+    return smooth_start(t, ramp=until / 3)
 
 
 def window(

@@ -28,6 +28,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import first_time, run_figures
 from demos.inflatables.folded_tube import OPEN, build
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.cases.results import Result
@@ -71,21 +72,8 @@ def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
         early = t <= TIMES[1]
         found |= {f"ratio{i} {1e3 * at:g} ms": float(np.interp(at, t, ratio)) for at in TIMES}
         found |= {f"least{i}": float(area[early].min()), f"mean{i}": float(area[early].mean())}
-        # A fold that never opens has no time.
-        opened = np.flatnonzero(area >= OPEN)
-        found[f"opened{i} [ms]"] = math.inf
-        if len(opened):
-            found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]])
-    penetrations = math.nan
-    if "penetrations" in case.probes:
-        penetrations = float(series["penetrations"].max())
-    return found | {
-        "penetrations": penetrations,
-        "energy_error": abs(run.energy_error),
-        "rejected": run.substeps,
-        "steps": run.step,
-        "seconds": run.seconds,
-    }
+        found[f"opened{i} [ms]"] = 1e3 * first_time(t, area, OPEN)
+    return found | run_figures(run, series)
 
 
 def draw(results: list[Result], path: Path) -> None:

@@ -55,7 +55,7 @@ LIFT = 1e-4
 TUBE = {"length": 0.16, "panels": 2, "tank": 0.64e-6}
 # Sides of the hub: the disc of the demo has six, and takes three times the CPU time.
 SIDES = 4
-# Ends of the runs [s]; without creases the disc is open after 0.15 s, the tube after 0.014 s.
+# Ends of the runs [s]; without creases the disc is open after 0.16 s, the tube after 0.014 s.
 # A tube that is filled from a tank of a tenth of the pressure is open after 0.030 s.
 ENDS = {"disc": 0.24, "tube": 0.02}
 SLOW_END = 0.05
@@ -72,7 +72,7 @@ EFFECTS = ("prevents", "hinders", "has no effect", "helps")
 
 # Yield angle of plastic creases [rad]: 20 degrees.
 YIELD_ANGLE = "0.35"
-# Stiffness of creases [N m/m/rad] over three decades.  The memory Π of the disc is 160 times as
+# Stiffness of creases [N m/m/rad] over three decades.  The memory Π of the disc is 115 times as
 # large.
 DISC = [
     f"disc crease={k} set_angle_ratio={ratio}"

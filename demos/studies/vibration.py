@@ -44,12 +44,12 @@ SPUN = gx.Miyazaki(
 )
 EXACT = {  # Hz
     "square": (6.363363, 10.06136, 10.06136, 12.726726),
-    # (ω/Ω)² of the paper, in the frame of the disc.
     "circle": (7.233104, 15.446646, 16.602991),
+    # (ω/Ω)² of the paper, in the frame of the disc.
     "hub": SPIN
     / (2 * math.pi)
     * np.sqrt((0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137)),
-    # Of Lamb and Southwell, for (n, s) = (2, 0), (0, 1), (3, 0).
+    # Of Lamb and Southwell, for (n, s) = (2, 0), (0, 1), (4, 0): a quarter has no odd n.
     "free disc": SPIN / (2 * math.pi) * np.sqrt((2.35, 3.3, 6.1)),
 }
 

@@ -15,6 +15,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.run.checkpoint import _checksum_of
 from tests.small_scenes import run_until
@@ -47,6 +48,23 @@ def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
         if comm is COMM:
             together = rows
     np.testing.assert_allclose(rows, together, rtol=0, atol=1e-12)
+
+
+@pytest.mark.mpi
+def test_a_small_mesh_about_the_origin_is_the_same_on_other_ranks(folder: Path) -> None:
+    """The coordinates of its points cancel, up to a round-off that depends on the partition."""
+
+    def scene(comm: MPI.Intracomm, shift: float = 0.0) -> gx.Scene:
+        film = sheet(comm, 7, 9, 3e-3, 3e-3)
+        film.domain.geometry.x[:] += (-1.5e-3, -1.5e-3, shift)
+        law = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-5)
+        return gx.Scene(gx.Membrane(film, law, name="film"))
+
+    run_to(1, scene(COMM), checkpoints=gx.Checkpoints(folder))
+    COMM.barrier()
+    assert run_to(2, scene(MPI.COMM_SELF), restart=folder).step == 2
+    with pytest.raises(gx.InputError, match="the mesh of 'film' is not the same"):
+        run_to(2, scene(COMM, shift=1e-9), restart=folder)
 
 
 @pytest.mark.mpi

@@ -38,11 +38,11 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from demos.common.figures import area_vectors
 from demos.common.searches import Effort
+from demos.studies.bent_tube import wrinkled_angle
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.core.algebra.point_measures import PointMeasure
@@ -146,19 +146,14 @@ def check_fits(radius: float, pressure: float, where: str) -> None:
     )
 
 
-def bending_share(curvature: float, radius: float, pressure: float, stiffness: float) -> float:
+def bending_share(curvature: float, pressure: float, stiffness: float) -> float:
     """M/(E t π r³ κ) of a tube at a curvature κ [1/m]."""
     first = pressure / (2 * stiffness)
     ratio = curvature / first
     if ratio <= 1:
         return 1.0
-
-    def excess(angle: float) -> float:
-        """Equation (3) for the half angle over which the wall is slack."""
-        taut = math.pi - angle
-        return math.sin(angle) + taut * math.cos(angle) - math.pi / ratio
-
-    θ = brentq(excess, 0.0, math.pi)
+    # Equation (3) for the half angle over which the wall is slack.
+    θ = wrinkled_angle(ratio)
     share = (math.pi - θ + math.sin(2 * θ) / 2) / math.pi
     # A tube that has collapsed would be a mechanism.
     return max(share, SMALLEST_SHARE)
@@ -438,7 +433,6 @@ class Hanging:
             r = tube.radius
             bending = bending_share(
                 self.curvature(tube),
-                r,
                 pressure,
                 wall_stiffness(r, pressure),
             )

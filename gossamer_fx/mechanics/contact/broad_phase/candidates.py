@@ -236,6 +236,14 @@ WAY_MARGIN = 0.3
 FIRST_HORIZON = 4
 MAX_HORIZON = 32
 
+# Time that a candidate takes in a step over that which it takes in a search, as measured.  Longer
+# horizons find more candidates: in packed layers, soon those of the next layer, which take more
+# time, and memory, than the searches that are saved.
+STEP_COST = 0.2
+
+# Searches after which a horizon that did not pay is tried again.
+PATIENCE = 8
+
 # A part of a step [1] by which a search lasts longer than its horizon, so that round-off in the
 # time does not end it one step early.
 SPARE_TIME = 1e-6
@@ -278,6 +286,12 @@ class CandidateSearch:
         # Steps for which the next search is made, and steps since the last one.
         self._horizon = FIRST_HORIZON
         self._age = 0
+        # Primitives and candidates of all ranks in the last search, and the fewest in one.
+        self._size = 0
+        self._least_size = 0
+        # The longest horizon, up to a number of searches.
+        self._longest = MAX_HORIZON
+        self._next_trial = 0
         self._pair_counts = (0, 0)  # of triangle pairs and edge pairs found in the last search
         self.count = 0
 
@@ -298,6 +312,7 @@ class CandidateSearch:
 
         self._choose_horizon()
         self._find(at_rest)
+        self._least_size = self._size
 
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance in the present
@@ -306,7 +321,8 @@ class CandidateSearch:
 
         The number of steps is `FIRST_HORIZON` at first.  It doubles, up to `MAX_HORIZON`, after a
         search that served for all its steps; after one that served for fewer, but at least for one,
-        it is the number of these.
+        it is the number of these.  A horizon that finds too many candidates is halved, and not
+        tried again for `PATIENCE` searches.
 
         `read` returns the points that this rank knows when it is called; it is called again after
         facets of other ranks were added.
@@ -334,13 +350,25 @@ class CandidateSearch:
         return bool(self._mesh.comm.allreduce(self.bounds.hold(x, time), op=MPI.LAND))
 
     def _choose_horizon(self) -> None:
-        """Choose for how many steps the next search serves, from how many the last one did."""
+        """Choose for how many steps the next search serves, from how many the last one did and how
+        many candidates it found."""
         if not self._age:
             return
-        if self._age >= self._horizon:
-            self._horizon = min(2 * self._horizon, MAX_HORIZON)
-        else:
-            self._horizon = max(self._age, 1)
+        horizon = self._horizon
+        self._least_size = min(self._least_size, self._size)
+        if horizon == 1:
+            # Layers may have come together since there were fewer.
+            self._least_size = self._size
+        # Time of a step with this horizon, and with half of it if that finds the fewest candidates,
+        # in units of the time that one takes in a search.
+        time = self._size * (1 / horizon + STEP_COST)
+        if time > self._least_size * (2 / horizon + STEP_COST):
+            self._longest = horizon // 2
+            self._next_trial = self.count + PATIENCE
+        elif self.count >= self._next_trial:
+            self._longest = MAX_HORIZON
+        wanted = 2 * horizon if self._age >= horizon else self._age
+        self._horizon = min(wanted, self._longest)
 
     def _bounds(self, x: Array, v: Array, time: float, duration: float) -> TrajectoryBounds:
         """Return bounds of the trajectories of points x (m, 3) [m] with velocities v (m, 3) [m/s]:
@@ -369,6 +397,8 @@ class CandidateSearch:
         self.pairs, self._pair_counts = find_candidates(
             mesh, bounds, self._activation_distance, self._pair_counts
         )
+        primitive_count = len(mesh.own_vertices) + len(mesh.own_edges)
+        self._size = mesh.comm.allreduce(primitive_count + len(self.pairs))
         self.bounds = bounds
         self._age = 0
         self.count += 1
