@@ -7,7 +7,7 @@ any of them, and depends on none of the codes that make them.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -170,3 +170,16 @@ class StateView(Protocol):
             InputError: the scene has no chamber of this name.
         """
         ...
+
+
+class ForSystem[T]:
+    """What a probe compiles for a system, again only if it is called with another system."""
+
+    def __init__(self, compiled: Callable[[System], T]) -> None:
+        self._compile = compiled
+        self._last: tuple[System, T] | None = None
+
+    def __call__(self, system: System) -> T:
+        if self._last is None or self._last[0] is not system:
+            self._last = (system, self._compile(system))
+        return self._last[1]

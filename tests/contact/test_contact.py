@@ -263,12 +263,18 @@ def test_penetrations_may_be_counted_in_every_third_step(
 
     monkeypatch.setattr("gossamer_fx.records.probes.contact.find_intersections", count)
     contact = gx.Contact(film(comm, name="film"), distance=1e-3)
-    seen = gx.Series({"penetrations": gx.probes.Penetrations(contact, every=3)})
-    run = gx.Simulation(gx.Scene(*contact.bodies, contact), gx.Midpoint(dt=1e-4), outputs=[seen])
+    probe = gx.probes.Penetrations(contact, every=3)
+    seen = gx.Series({"penetrations": probe})
+    scene = gx.Scene(*contact.bodies, contact)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-4), outputs=[seen])
     run.run(until=7e-4)
     assert counted_at == [0, 3, 6]
     # Steps between have the last number; each rank has found one.
     assert list(seen["penetrations"]) == [comm.size] * 8
+    # Two more runs that have not yet begun.
+    for _ in range(2):
+        probe(gx.Simulation(scene, gx.Midpoint(dt=1e-4)))
+    assert len(counted_at) == 5
     with pytest.raises(gx.InputError, match="every is 0"):
         gx.probes.Penetrations(contact, every=0)
 

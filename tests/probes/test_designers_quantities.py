@@ -222,3 +222,25 @@ def test_a_saddle_is_no_better_on_a_paraboloid_than_on_a_plane(comm) -> None:
     paraboloid = best(body, "paraboloid")
     assert paraboloid.rms <= plane.rms * (1 + 1e-9)
     assert paraboloid.radius > 1e3
+
+
+@pytest.mark.mpi
+def test_a_probe_is_of_the_scene_with_which_it_is_called(comm) -> None:
+    """As where an equilibrium is found first, and a run follows: both have a compiled scene."""
+    body = gx.Membrane(
+        sheet(comm, 4, 4), WRINKLING, velocity=lambda X: np.vstack([X[0], 0 * X[:2]])
+    )
+    other = gx.PointMass(1.0, comm=comm, name="other")
+    at_start = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1e-3))
+    later = gx.Simulation(gx.Scene(other, body), gx.Midpoint(dt=1e-3))
+    later.run(until=1e-3)
+    for make in (
+        lambda: gx.probes.LargestStress(body, at="end"),
+        lambda: gx.probes.StateArea(body, "taut", at="end"),
+        lambda: gx.probes.Crossings(body),
+    ):
+        probe = make()
+        before = probe(at_start)
+        assert probe(later) == make()(later)
+        assert probe(at_start) == before
+    assert gx.probes.LargestStress(body, at="end")(later) > 1.0

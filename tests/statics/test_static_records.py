@@ -19,6 +19,7 @@ from gossamer_fx.analysis.statics import remedies
 from gossamer_fx.analysis.statics.continuation import SearchProgress, SearchState
 from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.records.plot.curve_panels import run_curves
 from tests.small_scenes import at_rest
@@ -124,6 +125,18 @@ def test_a_mode_is_recorded_over_one_period(comm, folder):
         gx.plot.modes(folders, folder / "modes.png")
         gx.plot.animate(reader, "mode_amplitude", path=folder / "mode.gif", seconds=0.2)
     comm.barrier()
+
+
+def test_modes_of_a_cable_are_drawn_in_one_colour(tmp_path):
+    cable = gx.Cable(
+        line(MPI.COMM_SELF, [(0, 0, 0), (1, 0, 0)], 4), gx.CableLaw(1e3, 0.01), initial_tension=5.0
+    )
+    equilibrium = gx.Equilibrium(gx.Scene(cable, gx.Fixed(cable, "start"), gx.Fixed(cable, "end")))
+    equilibrium.find()
+    found = modes(equilibrium, 1)
+    folders = gx.outputs.record_modes(equilibrium, found, tmp_path / "modes", frames=4)
+    gx.plot.modes(folders, tmp_path / "modes.png")
+    assert (tmp_path / "modes.png").is_file()
 
 
 def test_what_cannot_be_recorded(comm, folder):

@@ -197,6 +197,18 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
     assert sorted(int(path.name[5:]) for path in folder.iterdir()) == steps
 
 
+@pytest.mark.mpi(1)
+def test_steps_that_are_made_again_do_not_count_as_the_newest(folder: Path) -> None:
+    """Also if the run that makes them is killed before its next regular checkpoint."""
+    newest = []
+    watch = Watch(lambda run: newest.append(gx.run.latest_checkpoint(folder).name[5:]))
+    for until, options in ((6, {}), (4, {"restart": folder / "step-00000002", "outputs": [watch]})):
+        saves = gx.Checkpoints(folder, every=2, keep=9)
+        run_until(until * DT, gx.PointMass(1.0, comm=COMM), dt=DT, checkpoints=saves, **options)
+    # Outputs come before the checkpoint of their step.
+    assert newest == ["00000006", "00000003"]
+
+
 # ---- refusals ------------------------------------------------------------------------------------
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import csv
 import os
+import resource
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,8 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.analysis.cases.case_set import SharedRuns
+from gossamer_fx.analysis.cases.results import Result, values_text
 from gossamer_fx.app.cli.scene_sweep import values_of
 from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
 
@@ -89,6 +93,10 @@ def test_a_picture_says_what_it_leaves_out(
     assert drawn[0].get_suptitle().split(";")[0] == words
 
 
+def test_seeds_are_told_apart_by_their_last_digit() -> None:
+    assert values_text({"seed": 1000001, "on": True, "E": 2.5e9}) == "seed 1000001, on 1, E 2.5e+09"
+
+
 def test_words_of_the_command_line_are_values() -> None:
     assert values_of(["a=1,2.5", "kind=plain,fine", "on=True"]) == {
         "a": [1, 2.5],
@@ -109,6 +117,24 @@ def test_words_of_the_command_line_are_values() -> None:
 def test_other_words_are_refused(words: list[str], refused: str) -> None:
     with pytest.raises(gx.InputError, match=refused):
         values_of(words)
+
+
+def test_a_disk_that_is_full_between_two_runs_ends_a_sweep(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No other process makes the runs that are left."""
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill_disk(result: Result) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, usual[1]))
+
+    monkeypatch.setattr(time, "sleep", lambda seconds: pytest.fail("it waits for another process"))
+    shared = SharedRuns(MPI.COMM_SELF, tmp_path, product_of, progress=fill_disk)
+    try:
+        with pytest.raises(gx.InputError, match="Cannot write"):
+            shared.results([{"a": 1.0, "b": 1.0}, {"a": 1.0, "b": 2.0}])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
 
 
 # ---- the command ---------------------------------------------------------------------------------

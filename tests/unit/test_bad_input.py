@@ -371,11 +371,14 @@ def test_run_of_a_bad_scene_is_one_sentence(case: str, tmp_path: Path, monkeypat
     assert is_line_of_command(err) and culprit in err
 
 
-def test_a_signal_in_a_scene_is_no_error_of_its_file(capsys) -> None:
+@pytest.mark.parametrize(
+    "end", [gx.run.Interrupted(15), gx.OutputFailure("full"), gx.NoEquilibrium("none")]
+)
+def test_what_is_no_error_of_a_scene_file_is_raised_as_it_is(end: BaseException, capsys) -> None:
     def stop() -> None:
-        raise gx.run.Interrupted(15)
+        raise end
 
-    with pytest.raises(gx.run.Interrupted):
+    with pytest.raises(type(end)):
         guarded(MPI.COMM_SELF, Path("scene.py"), False, stop)
     assert capsys.readouterr() == ("", "")
 
@@ -388,6 +391,7 @@ def test_a_signal_in_a_scene_is_no_error_of_its_file(capsys) -> None:
         (["plot", "run", "--time", "soon"], "soon"),
         (["plot", "run", "--strip", "-3"], "-3"),
         (["plot", "run", "--strip", "3", "--curves"], "one of them"),
+        (["plot", "run", "--curves", "--range", "0", "1"], "draws no shapes"),
         (["plot", "run", "--output", "a.png"], "--output"),
         (["plot", "run", "--animate", "avi"], "avi"),
         (["plot", "nowhere"], "nowhere"),

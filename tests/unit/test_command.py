@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from gossamer_fx.app.cli import demo, doctor, launch
 from gossamer_fx.app.cli.launch import RULE, MessageFilter
+from tests.hanging import HANG_TIMEOUT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -157,6 +160,53 @@ def test_a_number_of_ranks_must_be_one(
     assert re.fullmatch(r"gossamer: mpi needs a number of ranks.*\n", capsys.readouterr().err)
 
 
+LISTENER = """
+import signal, sys, time
+from pathlib import Path
+heard = []
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+    signal.signal(number, lambda number, frame: heard.append(number))
+Path(sys.argv[1], str(time.monotonic_ns())).touch()
+while not heard:
+    time.sleep(0.01)
+time.sleep(0.2)
+sys.exit(len(heard) - 1)
+"""
+LAUNCH = """
+import sys
+from gossamer_fx.app.cli import launch
+launch.find_mpirun = lambda: sys.argv[2]
+sys.exit(launch.{how}(2, ["-c", sys.argv[3], sys.argv[1]]))
+"""
+
+
+@pytest.mark.parametrize(
+    "how, number", [("launch", signal.SIGUSR1), ("launch_alike", signal.SIGINT)]
+)
+def test_a_signal_reaches_the_started_programs_once(
+    how: str, number: signal.Signals, tmp_path: Path
+) -> None:
+    """USR1 as of Slurm, and Ctrl-C, which a terminal sends to the whole group."""
+    mpirun = tmp_path / "mpirun"
+    mpirun.write_text('#!/bin/sh\nshift 2\nexec "$@"\n')
+    mpirun.chmod(0o755)
+    ready = tmp_path / "ready"
+    ready.mkdir()
+    count = 1 if how == "launch" else 2
+    code = LAUNCH.format(how=how)
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(ready), str(mpirun), LISTENER],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    ) as process:
+        while len(list(ready.iterdir())) < count and process.poll() is None:
+            time.sleep(0.02)
+        os.killpg(process.pid, number)
+        said = process.communicate(timeout=HANG_TIMEOUT)[1]
+    assert (process.returncode, said) == (0, b"")
+
+
 def command(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run `gossamer` as it is installed."""
     return subprocess.run(
@@ -179,6 +229,15 @@ class TestInstalledCommand:
             done = command("report", str(tmp_path), PMI_SIZE="2", PMI_RANK=str(rank))
             assert done.returncode == 1 and done.stderr.count("\n") == lines, done
             assert "2 ranks that do not see each other" in done.stderr or rank == 1
+
+    def test_ranks_that_were_not_started_are_told(self, tmp_path: Path) -> None:
+        """As under srun; the script of a job of Slurm is not a rank, and starts them."""
+        words = ("run", str(tmp_path / "no.py"), "--ranks", "2")
+        done = command(*words, SLURM_STEP_ID="0")
+        assert done.returncode == 2 and done.stderr.count("\n") == 1
+        assert "--ranks is 2, but mpirun or srun has started 1" in done.stderr
+        done = command(*words, SLURM_PROCID="0", PATH="")
+        assert "no mpirun" in done.stderr or "no scene file" in done.stderr
 
     def test_a_python_without_mpi4py_is_told_in_one_sentence(self, tmp_path: Path) -> None:
         hidden = tmp_path / "mpi4py"

@@ -77,6 +77,8 @@ def test_help(words):
         (("mpi", "0", "script.py"), "number of ranks"),
         (("mpi", "2"), "script"),
         (("test", "--with", "0.8"), "0.11"),
+        (("lint", "--fix"), "--fix"),
+        (("setup", "--force"), "--force"),
     ],
 )
 def test_misuse_is_one_sentence(words, culprit):

@@ -16,6 +16,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
+from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.records.plot import report
 from gossamer_fx.records.plot.colours import NO_LIMITS, Scale, scale
 from gossamer_fx.records.plot.curve_panels import grouped
@@ -347,3 +348,58 @@ def test_a_single_output_is_not_mixed_into_a_recorded_run(folder: Path, name: st
         gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[other])
     # other files may be next to those of the run
     gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[gx.Ledger(folder / "run" / "mine.csv")])
+
+
+class StatusWatch:
+    """Notes the status in the run.json of a folder, as a reader of a run that goes on sees it."""
+
+    times = ()
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.seen: list[str] = []
+
+    def open(self, run: object) -> None:
+        pass
+
+    def record(self, run: object, last: bool) -> None:
+        self.seen.append(json.loads((self.folder / "run.json").read_text())["status"])
+
+    def close(self, run: object) -> None:
+        pass
+
+
+def test_a_run_that_was_restarted_runs(tmp_path: Path) -> None:
+    saves = gx.Checkpoints(tmp_path / "saves")
+    ball = gx.PointMass(1.0, comm=MPI.COMM_SELF, name="ball")
+    for until, restart in ((0.2, None), (0.4, saves.folder)):
+        watch = StatusWatch(tmp_path)
+        run = gx.Simulation(
+            gx.Scene(ball),
+            gx.Midpoint(dt=0.1),
+            outputs=[gx.Recording(tmp_path), watch],
+            checkpoints=saves,
+            restart=restart,
+        )
+        run.run(until=until)
+        assert set(watch.seen) == {"running"}
+        assert gx.plot.RunReader(tmp_path).about["status"] == "finished"
+
+
+def test_a_folder_that_goes_in_the_run_is_no_wrong_input(tmp_path: Path) -> None:
+    ball = gx.PointMass(1.0, comm=MPI.COMM_SELF, name="ball")
+    run = gx.Simulation(
+        gx.Scene(ball),
+        gx.Midpoint(dt=0.1),
+        outputs=[gx.Recording(tmp_path / "run")],
+        events=[gx.At(0.2, lambda run: shutil.rmtree(tmp_path / "run"))],
+    )
+    with pytest.raises(gx.OutputFailure, match="Cannot write"):
+        run.run(until=0.4)
+
+
+def test_processes_replace_a_file_by_files_of_their_own(tmp_path: Path) -> None:
+    (tmp_path / "runs.new").write_text("of another process")
+    replace_file(tmp_path / "runs.csv", "a,b")
+    assert (tmp_path / "runs.csv").read_text() == "a,b"
+    assert (tmp_path / "runs.new").read_text() == "of another process"

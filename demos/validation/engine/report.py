@@ -1,4 +1,8 @@
-"""What a validation found: a table, and a figure with the measured points over the curves."""
+"""What a validation found: a table, and a figure with the reference points over the curves.
+
+References are measured, or computed by theory or another program, as the title and source of a case
+say.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,7 @@ HEAD = [
     "test",
     "quantity",
     "predicted",
-    "measured",
+    "reference",
     "our error",
     "asked",
     "peer's error",
@@ -231,7 +235,7 @@ def _draw_curve(axis, comparison: Comparison, result: Result) -> None:
         "o",
         markersize=3,
         color="0.45",
-        label="measured",
+        label="reference",
     )
     predicted = predicted_in(result, measured.quantity)
     if predicted is not None:
@@ -289,13 +293,13 @@ def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
     if sizes.max() > LARGEST_SPREAD * sizes.min():
         y_predicted = list(np.divide(y_predicted, y_measured))
         y_measured = [1.0] * len(names)
-        label = "over measured"
+        label = "over reference"
     axis.plot(
         places,
         y_measured,
         "o",
         color="0.45",
-        label="measured",
+        label="reference",
     )
     axis.plot(
         places,

@@ -108,7 +108,8 @@ class SharedRuns:
 
         Raises:
             InputError: the outcome refuses its values, or returns something other than numbers.
-            InputError: the file of a result is damaged, or cannot be written.
+            InputError: the file of a result is damaged.
+            OutputFailure: a file cannot be written.
         """
         found: dict[int, Result] = {}
         while len(found) < len(cases):
@@ -140,10 +141,11 @@ class SharedRuns:
     def _make(self, values: Values) -> Result | None:
         """Make a run and return its result; None if another process has claimed it.
 
-        The claim is a lock on the file of the result, which is released in any case.  It also
-        counts as claimed if the lock cannot be made.
+        The claim is a lock on the file of the result, which is released in any case.
         """
         path = self.result_file(values)
+        # A full disk is refused: nobody else would make the run.
+        make_parent(self._comm, path)
         try:
             lock = FileLocks(self._comm, [path])
         except InputError:

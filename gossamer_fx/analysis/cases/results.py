@@ -376,9 +376,11 @@ def values_text(values: Values) -> str:
 
 
 def value_text(value: Any) -> str:
-    """A value as text: words as they are, numbers without trailing zeros."""
+    """A value as text: words as they are, whole numbers with all digits, others with six."""
     if isinstance(value, str):
         return value
+    if isinstance(value, int):
+        return f"{value:d}"
     return f"{value:g}"
 
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.bodies.membrane import Membrane
 
 # Environment variables by which mpirun or a batch system shows that it started this process.
-_LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_PROCID")
+# Slurm sets SLURM_PROCID in the script of a job, too, which is not a rank.
+_LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_STEP_ID")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -97,7 +98,13 @@ def main(words: Sequence[str]) -> int:
 
     from gossamer_fx.app.cli.user_files import end_program
     from gossamer_fx.core.checks.ending import abort_on_lone_error
-    from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
+    from gossamer_fx.core.checks.errors import (
+        InputError,
+        NoEquilibrium,
+        OutputFailure,
+        StepFailure,
+        check,
+    )
 
     comm = MPI.COMM_WORLD
     if comm.size > 1:
@@ -108,6 +115,12 @@ def main(words: Sequence[str]) -> int:
     try:
         # An error on one rank alone would leave the others waiting.
         with abort_on_lone_error(comm):
+            ranks = getattr(wanted, "ranks", 1)
+            check(
+                ranks in (1, comm.size),
+                f"--ranks is {ranks}, but mpirun or srun has started {comm.size}; leave --ranks "
+                "out.",
+            )
             wanted.command(wanted, comm)
     except (InputError, StepFailure, NoEquilibrium, OutputFailure) as error:
         if wanted.debug:
@@ -607,6 +620,10 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     low, high = wanted.range or (None, None)
     limits = Limits(low, high, wanted.part, wanted.each_time, wanted.log)
     field: str = wanted.field or ""
+    check(
+        chosen != ["curves"] or (not field and limits == Limits() and view == View()),
+        "--curves draws no shapes; leave the options of colours and of the camera out.",
+    )
     # Curves have no field.
     if not field and chosen != ["curves"]:
         field = default_field(run)

@@ -18,8 +18,8 @@ NEEDED = (
     *("dolfinx", "basix", "ffcx", "ufl", "petsc4py", "mpi4py", "gmsh"),
     *("numpy", "scipy", "filelock"),
 )
-# what only modes, recordings, pictures, orbits, tests or checks of the code need
-OPTIONAL = ("slepc4py", "matplotlib", "erfa", "pytest", "hypothesis", "mypy")
+# what only modes, pictures, orbits, cut patterns, tests or checks of the code need
+OPTIONAL = ("slepc4py", "matplotlib", "erfa", "ezdxf", "pytest", "hypothesis", "mypy")
 # the solution of the check is linear, so that the elements have it exactly
 SOLVER_TOLERANCE = 1e-12
 # A program that prints 1 on each of two ranks that can add numbers.

@@ -4,7 +4,7 @@ python3 -m gossamer_fx.app.cli.launch RANKS PROGRAM ...
 Signals.  Open MPI's mpirun kills the ranks 0.2 s after a SIGTERM or SIGINT, which is too short for
 a step.  So it does not get them: the first one is handed on as SIGUSR1, or SIGUSR2 for Ctrl-C,
 which mpirun passes to all ranks and at which a run ends with its step and a checkpoint; a second
-one has its usual effect.
+one has its usual effect.  A SIGUSR1 is handed on as it is.
 
 Output.  Messages of mpirun that only repeat that a rank has failed are removed.
 """
@@ -172,7 +172,11 @@ def copy_without_repetitions(source: BinaryIO, target: BinaryIO) -> None:
 OWN_COMMAND = ("-P", "-m", "gossamer_fx")
 
 # The signals that mpirun gets instead of those that this process gets first.
-_HANDED_ON: dict[int, int] = {signal.SIGTERM: signal.SIGUSR1, signal.SIGINT: signal.SIGUSR2}
+_HANDED_ON: dict[int, int] = {
+    signal.SIGTERM: signal.SIGUSR1,
+    signal.SIGINT: signal.SIGUSR2,
+    signal.SIGUSR1: signal.SIGUSR1,
+}
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _SYSTEM_PREFIXES = ("/usr", "/usr/local")
 # Time [s] to wait for the last output of the ranks after mpirun has ended: a rank that it could not
@@ -202,8 +206,8 @@ def child_environment() -> dict[str, str]:
 def launch(ranks: int, program: Sequence[str]) -> int:
     """Run a Python program on several MPI ranks, and wait for its end.
 
-    The first SIGTERM or SIGINT is handed on as `_HANDED_ON` says, and a run ends with its step; a
-    second one has its usual effect.
+    The first signal is handed on as `_HANDED_ON` says, and a run ends with its step; a second one
+    has its usual effect.
 
     Args:
         ranks: how many.
@@ -261,7 +265,8 @@ def launch(ranks: int, program: Sequence[str]) -> int:
 def launch_alike(jobs: int, program: Sequence[str]) -> int:
     """Run a Python program in several processes that share its work, and wait for all.
 
-    The first one alone writes to the terminal.  Any of them may die: the others go on.
+    The first one alone writes to the terminal.  Any of them may die: the others go on.  Signals are
+    handed on to all of them, and they end with this process.
 
     Args:
         jobs: number of processes, each without MPI.
@@ -270,21 +275,26 @@ def launch_alike(jobs: int, program: Sequence[str]) -> int:
     Returns:
         Zero if one of them came to the end, otherwise the smallest exit code, or number of a
         signal.
-
-    Raises:
-        KeyboardInterrupt: after Ctrl-C, once the processes have been asked to end.
     """
-    command = [sys.executable, *program]
-    environment = child_environment()
-    runs = [subprocess.Popen(command, env=environment)]
-    for _ in range(1, jobs):
-        runs.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment))
-    try:
-        return min(abs(run.wait()) for run in runs)
-    except KeyboardInterrupt:
+    runs: list[subprocess.Popen[bytes]] = []
+
+    def hand_on(number: int, frame: FrameType | None) -> None:
         for run in runs:
-            run.terminate()
-        raise
+            run.send_signal(number)
+
+    for number in _HANDED_ON:
+        signal.signal(number, hand_on)
+    for job in range(jobs):
+        # In a separate session a process does not get Ctrl-C of a terminal a second time.
+        run = subprocess.Popen(
+            [sys.executable, *program],
+            stdout=subprocess.DEVNULL if job else None,
+            start_new_session=True,
+            preexec_fn=end_with_parent,
+            env=child_environment(),
+        )
+        runs.append(run)
+    return min(abs(run.wait()) for run in runs)
 
 
 def end_with_parent() -> None:

@@ -59,7 +59,8 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
 
     Raises:
         InputError: on all ranks; names both files.
-        OSError: on all ranks, if a file cannot be read or written.
+        OutputFailure: on all ranks, if the checksum cannot be written.
+        OSError: on all ranks, if a file cannot be read.
     """
 
     def compare() -> None:
@@ -67,7 +68,8 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
 
         Raises:
             InputError: the folder has another checksum.
-            OSError: a file cannot be read or written.
+            OutputFailure: the checksum cannot be written.
+            OSError: a file cannot be read.
         """
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         mark = folder / "scene.json"

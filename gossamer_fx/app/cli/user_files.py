@@ -14,7 +14,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from gossamer_fx.core.checks.ending import Interrupted
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import (
+    InputError,
+    NoEquilibrium,
+    OutputFailure,
+    StepFailure,
+    check,
+)
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -135,13 +141,13 @@ def guarded[T](
         act: the code; its result is returned.
 
     Raises:
-        InputError, Interrupted: as they are; their messages are sentences already.
+        InputError, StepFailure, NoEquilibrium, OutputFailure, Interrupted: as they are.
         SystemExit: after any other error, with the code 2; the message has the line of the file.
     """
     try:
         return act()
-    # Their messages are sentences already.
-    except (InputError, Interrupted):
+    # Their messages are sentences already, and a full disk is not an error of the file.
+    except (InputError, StepFailure, NoEquilibrium, OutputFailure, Interrupted):
         raise
     except (Exception, SystemExit) as error:
         if debug:

@@ -33,7 +33,8 @@ def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> 
     is_scene = what.suffix == ".py"
     if not is_scene and (others or output):
         sys.stderr.write(
-            f"gossamer: '{what}' is not a scene file; options and arguments of run need one.\n"
+            f"gossamer: '{what}' is not a scene file; give one before the options and arguments "
+            "of run.\n"
         )
         return _WRONG_INPUT
     folder = what

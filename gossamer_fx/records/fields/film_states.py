@@ -16,6 +16,7 @@ from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.records.fields.best_surface import cells_of
 from gossamer_fx.records.fields.body_shape import PATH_POINTS, AlternationWatch, At, BodyShape
 from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import ForSystem
 
 # Numbers of the states by name.
 STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
@@ -82,10 +83,9 @@ class AreaFractions:
     """
 
     def __init__(self, films: Sequence[Membrane], at: At = "mean", group: str = "") -> None:
-        self._films = films
-        self._at: At = at
-        self._group = group
-        self._compiled: list[_FilmAreas] | None = None
+        self._of_films = ForSystem(
+            lambda system: [_FilmAreas(system, film, at, group) for film in films]
+        )
 
     def __call__(self, system: System) -> Array:
         """Return the shares (3,) of the area that are slack, wrinkled and taut; their sum is one.
@@ -100,14 +100,11 @@ class AreaFractions:
         Collective.  Areas are those of the stress-free shape.  Warns once of a film whose states
         at the ends of steps alternate.
         """
-        if self._compiled is None:
-            self._compiled = [
-                _FilmAreas(system, film, self._at, self._group) for film in self._films
-            ]
-        areas = np.array([of_film.measure() for of_film in self._compiled])
+        of_films = self._of_films(system)
+        areas = np.array([of_film.measure() for of_film in of_films])
         areas = system.comm.allreduce(areas)
         # The last column is the area that is taut at one end of the last step only.
-        for of_film, row in zip(self._compiled, areas, strict=True):
+        for of_film, row in zip(of_films, areas, strict=True):
             of_film.alternation.see(system, row[-1] / row[:-1].sum())
         of_states: Array = areas[:, : len(STATES)].sum(axis=0)
         return of_states

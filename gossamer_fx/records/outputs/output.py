@@ -19,6 +19,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
+import os
 import tokenize
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
@@ -31,7 +32,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, not_negative
-from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.core.checks.errors import InputError, OutputFailure, check, on_rank_zero
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Ground, Port
 from gossamer_fx.mechanics.terms.scalar_unknowns import InitialCondition
@@ -402,15 +403,20 @@ def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:
 def replace_file(path: Path, text: str) -> None:
     """Replace the contents of a file at once, so that a reader never finds half of them; on one
     rank.
+
+    Raises:
+        OutputFailure: the file cannot be written.
     """
     try:
-        new = path.with_suffix(".new")
+        # Processes that share a sweep replace its tables at the same time.
+        new = path.with_name(f"{path.name}.{os.getpid()}.new")
         # JSON reads the replacement of half of a surrogate pair, \ud800, as that half.
         new.write_text(text, encoding="utf-8", errors="backslashreplace")
         new.replace(path)
     except OSError as error:
-        raise InputError(
-            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        raise OutputFailure(
+            f"Cannot write '{path}' ({error.strerror}); make room, or choose a folder that is "
+            "writable."
         ) from error
 
 

@@ -216,6 +216,7 @@ class Recording:
         if states_every is not None:
             self.states_schedule = Schedule(states_every)
         self.has_begun = False  # whether a state was recorded
+        self._status = ""  # in run.json, of this run
         self._captions: list[str] = []  # of the states of a record that is not a run
         self._clears_folder = False  # whether the first record removes the files of another run
         self._fields: dict[str, VTU] = {}
@@ -256,7 +257,7 @@ class Recording:
         return {name: output.cursor() for name, output in self._outputs()}
 
     def record(self, run: StateView, last: bool) -> None:
-        """Record the state of a run in all files where it is due, at the start also in run.json.
+        """Record the state of a run in all files where it is due, and that it runs in run.json.
         Collective."""
         self.has_begun = True
         caption = run.account.caption
@@ -268,8 +269,8 @@ class Recording:
             self._clears_folder = False
         for _, output in self._outputs():
             output.record(run, last)
-        # Pictures may be drawn while the run goes on: they need run.json from the start.
-        if run.step == 0:
+        # Pictures may be drawn while the run goes on, also after a restart: they need run.json.
+        if self._status != "running":
             self._write(run, "running")
 
     def _clear_folder(self) -> None:
@@ -448,6 +449,7 @@ class Recording:
         Args:
             run: with time [s], steps, iterations, wall times [s] and closing errors.
         """
+        self._status = status
         account = run.account
         statistics: dict[str, Any] = {
             "steps": run.step,

@@ -17,7 +17,14 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import NAMES, scaled_axis
 from gossamer_fx.records.outputs.output import make_parent
 from gossamer_fx.records.plot.camera import Camera, View, aim, render
-from gossamer_fx.records.plot.colours import NO_LIMITS, Colouring, Limits, colouring, sampled
+from gossamer_fx.records.plot.colours import (
+    NO_LIMITS,
+    Colouring,
+    Limits,
+    by_state,
+    colouring,
+    sampled,
+)
 from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import WIDTH, Views, write_page
 from gossamer_fx.records.plot.run_reader import RunReader
@@ -287,10 +294,13 @@ def modes(
             f"'{run.folder}' holds no record of a mode; give folders that outputs.record_modes "
             "made.",
         )
-    # All modes are shown with the same largest displacement, which may be that of a body without a
-    # mesh.
-    shown = runs[0].about["result"]["largest displacement shown [m]"]
-    colours = colouring(runs[0], MODE_FIELD, Limits(low=0.0, high=float(shown)))
+    # Cables and beams have no such field: they are drawn in one colour.
+    colours = by_state(False)
+    if runs[0].films:
+        # All modes are shown with the same largest displacement, which may be that of a body
+        # without a mesh.
+        shown = runs[0].about["result"]["largest displacement shown [m]"]
+        colours = colouring(runs[0], MODE_FIELD, Limits(low=0.0, high=float(shown)))
     shapes = [colours.shape(run, 0) for run in runs]
     camera = aim(shapes, replace(view or View(), zoom=False))
     views = Views(

@@ -34,8 +34,8 @@ def export(run: RunReader, folder: str | Path) -> Path:
 
     `run.pvd` lists a state for each time.  Its parts have the names of films, cables and beams;
     "connectors" are ropes, springs and tapes with their mean tensions, "solids" rigid bodies and
-    obstacles, "solid lines" those without a surface, and "points" bodies without a mesh.  A body
-    alone is in the folder of the run already, `fields/NAME.pvd`.
+    obstacles, "solid lines" their edges, and "points" bodies without a mesh.  A body alone is in
+    the folder of the run already, `fields/NAME.pvd`.
 
     Args:
         run: a recorded run.

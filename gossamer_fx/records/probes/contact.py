@@ -23,7 +23,8 @@ from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistan
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.records.probes.points import AXES, AxisName
-from gossamer_fx.solve.view import StateView
+from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import ForSystem, StateView
 
 
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
@@ -38,7 +39,8 @@ def contact_set_of(contact: Contact, run: Any) -> ContactSet:
 class ContactGap:
     """Least gap [m] between parts of a contact that are not connected: distance less the radii.
 
-    Infinite if nothing was within reach of the last search.
+    Infinite if nothing was within reach of the last search.  A table refuses that, which ends the
+    run: record the inverse.
 
     Args:
         contact: in the scene.
@@ -46,7 +48,8 @@ class ContactGap:
     Example:
         >>> import gossamer_fx as gx
         >>> def probes(contact: gx.Contact) -> gx.Series:
-        ...     return gx.Series({"gap": gx.probes.ContactGap(contact)})
+        ...     gap = gx.probes.ContactGap(contact)
+        ...     return gx.Series({"1/gap [1/m]": lambda run: 1 / gap(run)})
     """
 
     def __init__(self, contact: Contact) -> None:
@@ -206,16 +209,14 @@ class Penetrations:
         self.every = every
         self._last = 0.0
         self._next_step = 0
+        self._system: System | None = None  # of the last count
 
     def __call__(self, run: Any) -> float:
         """The number of the last count, which is made now if it is due.  Collective."""
-        step = getattr(run, "step", None)
-        if step is None:
-            # An equilibrium has no steps.
-            return self._count(run)
-        # A restarted run begins at any step: the first call counts.
-        is_due = step >= self._next_step or step < self._next_step - self.every
-        if is_due:
+        step: int = run.step
+        # Another run begins at any step: the first call counts.
+        if run.system is not self._system or step >= self._next_step:
+            self._system = run.system
             self._last = self._count(run)
             self._next_step = step + self.every
         return self._last
@@ -256,7 +257,9 @@ class Crossings:
                 f"Crossings: '{film.name}' is given twice.",
             )
         self.bodies = bodies
-        self._mesh: CollisionMesh | None = None
+        self._mesh = ForSystem(
+            lambda system: CollisionMesh(bodies, [], [0.0] * len(bodies), system)
+        )
 
     def __call__(self, run: StateView) -> float:
         """The number of edges that intersect a triangle in the state of a run.  Collective.
@@ -274,9 +277,7 @@ class Crossings:
                 f"'{film.name}' is not in the scene; add it, or remove its probe.",
             )
         c_library(HEADER, run.comm)
-        if self._mesh is None:
-            self._mesh = CollisionMesh(self.bodies, [], [0.0] * len(self.bodies), system)
-        mesh = self._mesh
+        mesh = self._mesh(system)
         x = mesh.points.at(system.q0, system.time)
         import_facets(mesh, x, x)
         # The points of the mesh may be other ones now.

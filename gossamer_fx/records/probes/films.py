@@ -20,7 +20,7 @@ from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import StateView
+from gossamer_fx.solve.view import ForSystem, StateView
 
 # What `SurfaceError` returns of a `BestSurface`, and its unit
 SURFACE_UNITS = {
@@ -91,14 +91,13 @@ def largest_stress(
 
 
 class StressSearch:
-    """Finds the largest principal stress of a film; its expression is compiled once."""
+    """Finds the largest principal stress of a film; its expression is compiled once a system."""
 
     def __init__(self, film: Membrane, group: str, at: At) -> None:
         cells_of(film, group)  # refuses a group that the mesh does not have
         self._film = film
         self._group = group
-        self._at: At = at
-        self._fields: FieldFunctions | None = None
+        self._fields = ForSystem(lambda system: FieldFunctions(system, film, ["stress1"], at=at))
 
     def __call__(self, system: System, limit: float | None) -> StressPeak:
         """The largest stress in the state of a system.  Collective."""
@@ -109,10 +108,9 @@ class StressSearch:
             count > 0,
             f"The group '{self._group}' of '{self._film.name}' has no triangles.",
         )
-        if self._fields is None:
-            self._fields = FieldFunctions(system, self._film, ["stress1"], at=self._at)
-        self._fields.update()
-        function = self._fields.functions[0]
+        fields = self._fields(system)
+        fields.update()
+        function = fields.functions[0]
         nodes = cell_nodes(function.function_space)[cells].ravel()
         values = function.x.array[nodes]
         largest = -math.inf

@@ -21,23 +21,10 @@ from gossamer_fx.records.fields.axial_force import CurrentLength, GaussValues, a
 from gossamer_fx.records.fields.body_shape import AlternationWatch, At, BodyShape
 from gossamer_fx.records.fields.lines import LineForces, line_forces
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import StateView
+from gossamer_fx.solve.view import ForSystem, StateView
 
 # What is reported of the values along a line
 Which = Literal["mean", "least", "largest"]
-
-
-class _ForSystem[T]:
-    """What a probe compiles for a system, again only if it is called with another system."""
-
-    def __init__(self, compiled: Callable[[System], T]) -> None:
-        self._compile = compiled
-        self._last: tuple[System, T] | None = None
-
-    def __call__(self, system: System) -> T:
-        if self._last is None or self._last[0] is not system:
-            self._last = (system, self._compile(system))
-        return self._last[1]
 
 
 class _AlongLine:
@@ -63,7 +50,7 @@ class _AlongLine:
         self._of_connector = of_connector
         self._alternation = AlternationWatch(line, "of it is")
         if isinstance(line, Curve):
-            self._values = _ForSystem(lambda system: GaussValues(system, line, of_body, at))
+            self._values = ForSystem(lambda system: GaussValues(system, line, of_body, at))
 
     def __call__(self, run: HasSystem) -> float:
         """The value in a state.  Collective, the same on every rank."""
@@ -180,7 +167,7 @@ class Length:
     def __init__(self, line: Curve | DrawnAsLines) -> None:
         self.line = line
         if isinstance(line, Curve):
-            self._length = _ForSystem(lambda system: CurrentLength(system, line))
+            self._length = ForSystem(lambda system: CurrentLength(system, line))
 
     def __call__(self, run: HasSystem) -> float:
         """The length [m] in the state of a run or an equilibrium.  Collective.

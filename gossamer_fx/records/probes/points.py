@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from petsc4py import PETSc
@@ -15,12 +15,12 @@ from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.records.fields.reactions import Joint, joint_force
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import StateView
+from gossamer_fx.solve.view import ForSystem, StateView
 
 # The gas package is imported for its types only: most scenes with probes have no gas.
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.contract import Opening, Volume
-    from gossamer_fx.mechanics.gas.ring import Ring
+    from gossamer_fx.mechanics.gas.ring import Loop, Ring
 
 # Components of a vector by name
 AxisName = Literal["x", "y", "z"]
@@ -277,7 +277,7 @@ class RingArea:
 
     def __init__(self, ring: Ring) -> None:
         self.ring = ring
-        self._loops: dict[int, Any] = {}
+        self._loop = ForSystem(self._loop_in)
 
     def __call__(self, run: StateView) -> float:
         """The area [m²] of the ring in the state of a run.  Collective.
@@ -288,20 +288,19 @@ class RingArea:
         Raises:
             InputError: the film is not in the scene, or the edges of the ring form no closed line.
         """
+        # a step of no length: the area of the current state
+        return float(self._loop(run.system).aperture(0.0))
+
+    def _loop_in(self, system: System) -> Loop:
+        """The edges of the ring, which are found once in a scene and measured at every call."""
         from gossamer_fx.mechanics.gas.ring import Loop
 
         check(
-            self.ring.body in run.system.bodies,
+            self.ring.body in system.bodies,
             f"'{self.ring.body.name}' is not in the scene; add it, or remove the probe of its "
             "ring.",
         )
-        # A loop belongs to one compiled system; the probe may be used in one run after another.
-        key = id(run.system)
-        # The loop finds its edges once, and measures them at every call.
-        if key not in self._loops:
-            self._loops = {key: Loop(self.ring, run.system)}
-        # a step of no length: the area of the current state
-        return float(self._loops[key].aperture(0.0))
+        return Loop(self.ring, system)
 
 
 def _with_normal(directors: Array, rates: Array) -> tuple[Array, Array]:

@@ -508,11 +508,13 @@ class Checkpoints:
         self._names = all_names(run.system)
         self._scene = scene
         self._clock = time.monotonic()
-        # A restarted run finds the checkpoint of its first state in the folder.  Rank 0 decides, as
-        # not every rank may see the folder.
-        exists = run.step > 0 and (self.folder / _folder_name(run.step)).is_dir()
+        # A restarted run finds the checkpoint of its first state in the folder.  If there are later
+        # ones, of steps that it makes again, it writes one after its first step: until then a run
+        # that is killed would go on from those.  Rank 0 decides, as not every rank may see the
+        # folder.
+        newest = latest_checkpoint(self.folder)
         self._written = None
-        if run.comm.bcast(exists):
+        if run.comm.bcast(run.step > 0 and newest == self.folder / _folder_name(run.step)):
             self._written = run.step
 
     def _check_free(self, restart: str | Path | None) -> None:
