@@ -78,7 +78,7 @@ def test_two_chambers_and_a_way_with_a_detour(comm):
 
 
 def test_nothing_flows_between_pressures_that_are_held(comm):
-    """A bottle is open to the piston: both keep their pressures, and k x = p A."""
+    """A bottle is open to the piston: both pressures are constant, and k x = p A."""
     mass, chamber, *springs = piston_on_a_spring(comm, 1e3)
     bottle = gx.Tank(1e-3, gas=AIR, pressure=2e5, temperature=300.0, name="bottle")
     scene = gx.Scene(mass, chamber, *springs, gx.Orifice(bottle, chamber, area=1e-6))

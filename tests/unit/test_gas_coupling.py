@@ -230,7 +230,7 @@ def test_an_iterate_that_is_no_number_is_forgotten() -> None:
 
 
 def test_an_attempt_takes_no_columns_of_one_that_failed(monkeypatch) -> None:
-    """The step is tried four times; each attempt begins with P⁻¹ G of its own first iterate."""
+    """The step is tried four times; each attempt begins with P⁻¹ G of its first iterate."""
     monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT", 0)
     bag = gx.Chamber(
         gx.Membrane(airbag(MPI.COMM_SELF, 1.0, 4), FILM),

@@ -95,9 +95,6 @@ class TransposedSolver:
     """Solves Aᵀ x = b by factors of A; matrices of one pattern share the ordering of the first."""
 
     def __init__(self, A: PETSc.Mat) -> None:
-        # On several ranks PETSc keeps the factors of solvers that Python has dropped until all
-        # ranks ask for this.
-        PETSc.garbage_cleanup(A.comm)
         # A scene of gas between rigid walls has no coordinates, and MUMPS factorises no empty
         # matrix.
         self._is_empty = A.getSize()[0] == 0

@@ -50,7 +50,6 @@ from typing import Annotated
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from gossamer_fx.analysis.statics.prestress import PrestressOfScene, likely_tensions
 from gossamer_fx.analysis.statics.remedies import (
@@ -386,8 +385,6 @@ class Search:
         system.time = time
         self.reached = time
         self._longest_advance *= 2
-        # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask.
-        PETSc.garbage_cleanup(self.comm)
         return used
 
     def _begin_step(self, duration: float, at: float) -> tuple[float, Array]:

@@ -7,8 +7,6 @@ import time
 from dataclasses import asdict
 from typing import Any, Literal
 
-from petsc4py import PETSc
-
 from gossamer_fx.analysis.statics.continuation import Continuation, Search
 from gossamer_fx.analysis.statics.result import (
     EquilibriumResult,
@@ -117,8 +115,6 @@ class Equilibrium:
             Interrupted: a signal came; the system has the state of the last pseudo-step.
         """
         started = time.process_time()
-        # On several ranks PETSc keeps what Python has dropped until all ranks ask for this.
-        PETSc.garbage_cleanup(self.comm)
         self.step += 1
         self.result = None
         self.followed = None

@@ -73,7 +73,7 @@ class History:
         # Quantities derived from the coordinates first: history variables may depend on them.
         self._system.restart()
         for name, variables in self._variables.items():
-            # A restart may bring a step control, which begins anew.
+            # A restart may bring a step control, which starts without a history.
             if name in state or not isinstance(variables, Carrier):
                 variables.set_history(state[name])
 
