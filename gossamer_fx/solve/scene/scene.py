@@ -278,7 +278,7 @@ class Scene:
                 )
         start = InitialState(self.bodies, self.comm)
         conditions = [item for item in self.items if isinstance(item, InitialCondition)]
-        # Rigid motions last: their velocities are those at the positions that others give to bodies.
+        # Rigid motions last: their velocities are those where others have put the bodies.
         for condition in sorted(conditions, key=lambda one: isinstance(one, RigidMotion)):
             condition.initialise(start)
         items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
