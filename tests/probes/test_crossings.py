@@ -76,7 +76,7 @@ def test_the_count_is_that_of_all_pairs_in_turn(comm) -> None:
     # One rank knows all edges and triangles.
     alone, probe_alone = crossed_films(MPI.COMM_SELF)
     found_alone = probe_alone(alone)
-    mesh = probe_alone._mesh
+    mesh = probe_alone._mesh(alone.system)
     x = mesh.points.at(alone.system.q0, alone.system.time)
     expected = sum(
         any(crosses(x, edge, triangle) for triangle in mesh.surface.triangles)
