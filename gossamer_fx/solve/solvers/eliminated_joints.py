@@ -72,6 +72,11 @@ MAX_ELIMINATED = 60
 MAX_APPLICATIONS = 30
 UNKNOWNS_OF_MAX_APPLICATIONS = 30_000
 
+# Number of unknowns above which matrices are not factorised completely: packed layers in contact
+# fill like a solid.  A sail of a million unknowns needed more than 20 GB, and several minutes a
+# matrix; a solve that has not converged then gives an inexact update.
+MAX_UNKNOWNS_COMPLETE = 300_000
+
 # Krylov iterations of the last solve up to which F̃ is kept for the next matrix of the same step: a
 # new one costs as much as eight or nine.
 MAX_APPLICATIONS_TO_KEEP = 7
@@ -112,9 +117,11 @@ def max_applications(unknowns: int, max_iterations: int) -> float:
     unknowns.
 
     They are 30 up to 30 thousand unknowns, then 30 (unknowns/30 000)^½, but less than
-    `max_iterations`: a solve that reaches them has not converged, so that a factorisation pays for
-    any number of unknowns.
+    `max_iterations`: a solve that reaches them has not converged, so that a factorisation pays.
+    Above `MAX_UNKNOWNS_COMPLETE` unknowns none does.
     """
+    if unknowns > MAX_UNKNOWNS_COMPLETE:
+        return math.inf
     growth = math.sqrt(max(1.0, unknowns / UNKNOWNS_OF_MAX_APPLICATIONS))
     return min(MAX_APPLICATIONS * growth, max_iterations - 1)
 
