@@ -307,13 +307,9 @@ def test_a_step_of_many_iterations_is_factorised(monkeypatch):
     assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
 
 
-@pytest.mark.parametrize("largest, is_scaled", [(1e-9, False), (0.0, True)])
-def test_a_factorisation_that_is_not_accurate_is_made_with_scaling(largest, is_scaled, monkeypatch):
-    run = simulation(braced, MPI.COMM_SELF, monkeypatch)
-    other = simulation(braced, MPI.COMM_SELF)
-    monkeypatch.setattr(condensed_constraints, "MAX_ITERATIONS", 0)
-    monkeypatch.setattr(condensed_constraints, "MAX_RESIDUAL", largest)
-    made = []
+def new_factorisations(monkeypatch) -> list[bool]:
+    """A list that gets an entry for each new factorisation: whether it is scaled."""
+    made: list[bool] = []
     original = factorisation.new
 
     def noted(A, is_scaled):
@@ -321,6 +317,16 @@ def test_a_factorisation_that_is_not_accurate_is_made_with_scaling(largest, is_s
         return original(A, is_scaled)
 
     monkeypatch.setattr(factorisation, "new", noted)
+    return made
+
+
+@pytest.mark.parametrize("largest, is_scaled", [(1e-9, False), (0.0, True)])
+def test_a_factorisation_that_is_not_accurate_is_made_with_scaling(largest, is_scaled, monkeypatch):
+    run = simulation(braced, MPI.COMM_SELF, monkeypatch)
+    other = simulation(braced, MPI.COMM_SELF)
+    monkeypatch.setattr(condensed_constraints, "MAX_ITERATIONS", 0)
+    monkeypatch.setattr(condensed_constraints, "MAX_RESIDUAL", largest)
+    made = new_factorisations(monkeypatch)
     for each in (run, other):
         each.run(until=1e-3)
     assert not made[0]
@@ -333,14 +339,7 @@ def test_unknowns_in_contact_are_ordered_once(monkeypatch):
     run = simulation(stiff_book, MPI.COMM_SELF, monkeypatch)
     other = simulation(stiff_book, MPI.COMM_SELF)
     monkeypatch.setattr(condensed_constraints, "MAX_ITERATIONS", 0)
-    made = []
-    original = factorisation.new
-
-    def noted(A, is_scaled):
-        made.append(is_scaled)
-        return original(A, is_scaled)
-
-    monkeypatch.setattr(factorisation, "new", noted)
+    made = new_factorisations(monkeypatch)
     for each in (run, other):
         each.run(until=1e-3)
     assert run.totals.stored["contact"] > 0
