@@ -41,7 +41,7 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
 from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array, Attached, Block, Body, Indices, MeshBody
-from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
@@ -89,7 +89,7 @@ class Assembly(Protocol):
     geometric: float
 
     @property
-    def initial(self) -> State:
+    def initial(self) -> InitialState:
         """The state in which the scene starts."""
         ...
 
@@ -410,6 +410,11 @@ class HistoryVariables(ABC):
     @abstractmethod
     def set_history(self, state: dict[str, Any]) -> None:
         """Restore what `get_history` returned; coordinates and velocities have been restored."""
+
+    def shape_history(self) -> dict[str, Any] | None:
+        """The history that belongs to the shape, which a scene that starts from it takes over
+        (`StartFrom`); None: it begins anew, e.g. what depends on the time of a run.  Collective."""
+        return None
 
     def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
         """History variables in the cells of bodies, on which strains may depend.

@@ -24,6 +24,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
     Compiler,
     Differentiable,
+    HistoryVariables,
     ItemTerms,
     Multipliers,
     Shown,
@@ -327,6 +328,27 @@ class System:
         for scalars in self.scalar_unknowns:
             scalars.start()
         self._build_matrices()
+
+    def take_shape_history(self, other: System) -> None:
+        """Take the history variables of items that are in another scene, too, from whose shape this
+        one starts.  Kinds of terms that have them together are to have the same items.
+        Collective."""
+        for each in self._items:
+            # The other scene may lack the item.
+            for term, before in zip(each.terms, other.terms_of(each.item), strict=False):
+                for name, part in vars(term).items():
+                    _take_shape_history(part, getattr(before, name, None))
+        for compiled in self.compiled_as(HistoryVariables):
+            kind = type(compiled)
+            if self._items_of(kind) == other._items_of(kind):
+                for before in other.compiled_as(kind):
+                    _take_shape_history(compiled, before)
+
+    def _items_of(self, kind: type) -> list[int]:
+        """The items whose terms a class compiles, by identity: an item for each of its terms."""
+        return [
+            id(each.item) for each in self._items for term in each.terms if term.compiler is kind
+        ]
 
     def free_marks(self) -> PETSc.Vec:
         """A new vector with 0 at coordinates that are held, else 1."""
@@ -822,3 +844,11 @@ class System:
             found.append((scalars, y[start : start + scalars.size]))
             start += scalars.size
         return found
+
+
+def _take_shape_history(part: object, before: object) -> None:
+    """Give a part of a scene the history that belongs to the shape of the same part of another."""
+    if isinstance(part, HistoryVariables) and isinstance(before, HistoryVariables):
+        history = before.shape_history()
+        if history is not None:
+            part.set_history(history)
