@@ -283,8 +283,7 @@ class Scene:
                 )
         start = InitialState(self.bodies, self.comm)
         conditions = [item for item in self.items if isinstance(item, InitialCondition)]
-        # Rigid motions last: their velocities are those where others have put the bodies.
-        for condition in sorted(conditions, key=lambda one: isinstance(one, RigidMotion)):
+        for condition in sorted(conditions, key=_turn):
             condition.initialise(start)
         items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
         system = System(start, items, rule or PathAverage())
@@ -300,3 +299,14 @@ class Scene:
             if isinstance(condition, StartFrom):
                 system.take_shape_history(cast(System, condition.system))
         return system
+
+
+def _turn(condition: InitialCondition) -> int:
+    """When an initial condition acts: fold maps; then constraints, whose pieces follow the folded
+    films; then another scene as start; and rigid motions, whose velocities are those where the
+    bodies are."""
+    if isinstance(condition, RigidMotion):
+        return 3
+    if isinstance(condition, StartFrom):
+        return 2
+    return int(isinstance(condition, BringsTerms))
