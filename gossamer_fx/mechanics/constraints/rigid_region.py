@@ -230,7 +230,9 @@ class RigidRegion:
         )
         if len(self.piece.directors) > len(image) - 1:
             image = np.vstack([image, np.cross(image[1], image[2])])
-        start.place(self.piece, image, as_made=True)
+        # One rank has the node of the piece.
+        nodes = image[None][: self.piece.block.index_map.size_local]
+        start.place(self.piece, nodes, as_made=True)
 
     def _nodes(self) -> Sequence[int]:
         """Global numbers of this rank's nodes."""
