@@ -65,6 +65,7 @@ from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.loads.body_forces import Centrifugal
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.system import System
 
@@ -173,6 +174,9 @@ EQUAL_DISTANCES = 1e-6
 # Searches for modes that a count misses: each finds at least one copy of every multiple eigenvalue.
 MAX_SEARCHES = 10
 
+# Spins count as equal up to this part of them.
+SAME_SPIN = 1e-9
+
 
 @check_arguments
 @dataclass(frozen=True, repr=False)
@@ -247,12 +251,13 @@ def modes(
         equilibrium: the state about which the scene vibrates; `find` was called.
         count: number of modes.
         spin: ω of the frame [rad/s].  The scene then contains `Centrifugal` forces of the same
-            spin.
+            spin on the bodies that turn.
         above: frequency [Hz]; the default finds the lowest modes.
 
     Raises:
-        InputError: a value is out of its range, the scene has gas in a turning frame or scalar
-            unknowns other than gas, or no equilibrium was found.
+        InputError: a value is out of its range, the scene has gas in a turning frame, no
+            centrifugal force of the spin, or scalar unknowns other than gas, or no equilibrium was
+            found.
         NoEquilibrium: the stiffness is singular, or the eigenvalue solver found fewer modes than
             there are.
 
@@ -267,6 +272,8 @@ def modes(
     """
     system = equilibrium.system
     equilibrium.need("modes")
+    if any(spin):
+        _check_centrifugal_forces(system, spin)
     system.set_inertia(0.0)
     K = system.tangent()
     M = system.M.copy()
@@ -303,6 +310,23 @@ def modes(
     complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
     _warn_of_growth(equilibrium, complete, least)
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
+
+
+def _check_centrifugal_forces(system: System, spin: tuple[float, float, float]) -> None:
+    """Check that a turning scene has centrifugal forces, and all of this spin: the equilibrium and
+    its stiffness would be those of another one."""
+    forces = [item for item in system.items if isinstance(item, Centrifugal)]
+    check(
+        bool(forces),
+        f"modes: spin is {spin!r} rad/s, but no body has a centrifugal force; give each body that "
+        "turns a loads.Centrifugal of this spin, and find the equilibrium again.",
+    )
+    for force in forces:
+        check(
+            np.allclose(force.spin, spin, rtol=SAME_SPIN, atol=SAME_SPIN * np.linalg.norm(spin)),
+            f"modes: spin is {spin!r} rad/s, but '{force.name}' has {tuple(force.spin)!r}; "
+            "give both the same.",
+        )
 
 
 def _distance(mode: Mode, ω: float) -> float:
