@@ -100,12 +100,14 @@ class Increment:
     def force_scale(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
         """Reference force [N] for the round-off of a residual, the norm of what cancels in it:
         diag(K) q1 and diag(c M)(w + o), from the diagonal of the tangent, diag(K) + diag(c M)
-        [N/m].  Collective."""
+        [N/m].  Fixed coordinates do not count: their forces are reactions.  Collective."""
         inertia = self._diagonal_inertia(M)
         offset = 0.0 if self._offset is None else self._offset.array_r
         elastic = (diagonal.array_r - inertia) * q1.array_r
         inertial = inertia * (self._w.array_r + offset)
-        square = float(elastic @ elastic + inertial @ inertial)
+        forces = np.stack([elastic, inertial])
+        forces[:, self._supports.held] = 0.0
+        square = float(np.vdot(forces, forces))
         if self._comm.size > 1:
             square = self._comm.allreduce(square)
         return square**0.5
