@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.ending import (
@@ -533,9 +532,6 @@ class Simulation:
         # steps.
         if abs(milestone - self.time) <= _SAME_TIME * stepping.wanted:
             self.system.time = milestone
-        # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask for
-        # this.
-        PETSc.garbage_cleanup(self.comm)
         return ended
 
     def _switch(self) -> None:
