@@ -362,6 +362,16 @@ ORBITS: list[Case] = [
     (lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=Z, shadow="soft"), "soft"),
     (lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), mu=4.283e13), "give the radius"),
     (
+        lambda: flown(
+            lambda sail, orbit: gx.orbit.Drag(
+                sail, orbit, atmosphere=gx.orbit.ExponentialAtmosphere(1e-9, 1e5, scale_height=1e4)
+            ),
+            mu=4.283e13,
+            radius=3.4e6,
+        ),
+        "give the rotation",
+    ),
+    (
         lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), mu=4.283e13, radius=3.4e6, gravity="J2"),
         "leave out gravity",
     ),

@@ -67,12 +67,13 @@ class Environment:
         missing where the gravity field or a third body depends on the date, or the library ERFA for
         dates is not installed."""
         self.name = name
-        if mu is not None and abs(mu / MU - 1) > SAME_CENTRE:
-            check(
-                gravity == "point" and epoch is None and not third_bodies and radius is not None,
-                f"Orbit '{name}': mu is {mu:g} m³/s², not that of the Earth; give the radius of "
-                "the centre and leave out gravity, epoch and third_bodies, which are the Earth's.",
-            )
+        self.is_round_earth = mu is None or abs(mu / MU - 1) <= SAME_CENTRE
+        check(
+            self.is_round_earth
+            or (gravity == "point" and not epoch and not third_bodies and radius is not None),
+            f"Orbit '{name}': mu is {mu!r} m³/s², not that of the Earth; give the radius of the "
+            "centre and leave out gravity, epoch and third_bodies, which are the Earth's.",
+        )
         self.radius = RADIUS if radius is None else radius
         self.pressure = pressure
         self.following = following
@@ -98,8 +99,8 @@ class Environment:
         self.mu = mu if mu is not None else EGM_MU if self._turns else MU
         self._third_bodies = tuple(third_bodies)
         check(
-            epoch is not None or not (self._turns or self._third_bodies),
-            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; "
+            epoch is not None or not (self._turns or self._third_bodies or ut1_utc),
+            f"Orbit '{name}': harmonics of a turning Earth, Sun and Moon, and ut1_utc need a date; "
             "give an epoch.",
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
