@@ -345,6 +345,9 @@ class System:
             if self._items_of(kind) == other._items_of(kind):
                 for before in other.compiled_as(kind):
                     _take_shape_history(compiled, before)
+        if self.constraints and self.constraints.can_switch:
+            # What latches hold now, the velocities have to fit.
+            self.constraints.validate(self.q0, self.v0, self.free_marks())
 
     def _items_of(self, kind: type) -> list[int]:
         """The items whose terms a class compiles, by identity: an item for each of its terms."""
