@@ -118,8 +118,10 @@ def test_disc_that_spins_freely(comm):
 
 
 def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
-    """A mass on equal springs, seen from axes that turn: ω = ω0 ± Ω, and ω0 along the axis.  Without
-    its centrifugal force it is refused, as with that of another spin."""
+    """A mass on equal springs, seen from axes that turn: ω = ω0 ± Ω, and ω0 along the axis.
+
+    Without its centrifugal force it is refused, as with that of another spin.
+    """
     mass = 2.0
     k = 50.0
     Ω = 3.0

@@ -233,7 +233,8 @@ def _even_lines(words: str, letters: int) -> str:
     fewest = len(textwrap.wrap(words, letters))
     widths = range(letters // 2, letters + 1)
     return next(
-        text for text in (textwrap.fill(words, width) for width in widths)
+        text
+        for text in (textwrap.fill(words, width) for width in widths)
         if text.count("\n") < fewest
     )
 

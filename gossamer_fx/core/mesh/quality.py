@@ -51,7 +51,9 @@ def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
     """Lowest and highest coordinates, (3,) each [m], of the points (n, 3) [m] of all ranks; inf and
     -inf if there are none."""
     # The lowest with the opposite sign, so that one message has both.
-    highest = np.concatenate([-points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)])
+    highest = np.concatenate(
+        [-points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)]
+    )
     comm.Allreduce(MPI.IN_PLACE, highest, op=MPI.MAX)
     return -highest[:3], highest[3:]
 

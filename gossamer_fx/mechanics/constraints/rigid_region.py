@@ -41,7 +41,6 @@ from gossamer_fx.mechanics.constraints.joint import coincidence
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.mechanics.terms.supports import Support
 
-
 # Largest misfit of the nodes and a rigid motion that a fold map gives them, over their size.
 FIT = 1e-6
 

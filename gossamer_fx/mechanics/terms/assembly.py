@@ -413,7 +413,8 @@ class HistoryVariables(ABC):
 
     def shape_history(self) -> dict[str, Any] | None:
         """The history that belongs to the shape, which a scene that starts from it takes over
-        (`StartFrom`); None: it begins anew, e.g. what depends on the time of a run.  Collective."""
+        (`StartFrom`); None: it takes none, e.g. of what depends on the time of a run.  Collective.
+        """
         return None
 
     def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:

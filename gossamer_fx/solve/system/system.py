@@ -337,9 +337,9 @@ class System:
         Collective."""
         for each in self._items:
             # The other scene may lack the item.
-            for term, before in zip(each.terms, other.terms_of(each.item), strict=False):
+            for term, other_term in zip(each.terms, other.terms_of(each.item), strict=False):
                 for name, part in vars(term).items():
-                    _take_shape_history(part, getattr(before, name, None))
+                    _take_shape_history(part, getattr(other_term, name, None))
         for compiled in self.compiled_as(HistoryVariables):
             kind = type(compiled)
             if self._items_of(kind) == other._items_of(kind):
