@@ -99,8 +99,8 @@ class Environment:
         self.mu = mu if mu is not None else EGM_MU if self._turns else MU
         self._third_bodies = tuple(third_bodies)
         check(
-            epoch is not None or not (self._turns or self._third_bodies or ut1_utc),
-            f"Orbit '{name}': harmonics of a turning Earth, Sun and Moon, and ut1_utc need a date; "
+            epoch is not None or not (self._turns or self._third_bodies),
+            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; "
             "give an epoch.",
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
