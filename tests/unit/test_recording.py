@@ -98,8 +98,8 @@ def test_heads_have_units_and_those_without_are_read(tmp_path: Path) -> None:
         found = gx.plot.RunReader(tmp_path).table(name)
         older = Table(tmp_path / name)
         older.create(comm, list(found))
-        for line in lines[1:]:
-            older.append(comm, map(float, line.split(",")))
+        for row in lines[1:]:
+            older.append(comm, map(float, row.split(",")))
         again = gx.plot.RunReader(tmp_path).table(name)
         assert list(again) == list(found)
         Table(tmp_path / name).cut(comm, head, older.cursor())
