@@ -272,8 +272,13 @@ def modes(
     """
     system = equilibrium.system
     equilibrium.need("modes")
-    if any(spin):
-        _check_centrifugal_forces(system, spin)
+    spins = [item.spin for item in system.items if isinstance(item, Centrifugal)]
+    round_off = SAME_SPIN * float(np.linalg.norm(spin))
+    check(
+        not any(spin) or (bool(spins) and np.allclose(spins, spin, rtol=0, atol=round_off)),
+        f"modes: spin is {spin!r} rad/s, but those of centrifugal forces are {spins or 'none'}; "
+        "give each body that turns a loads.Centrifugal of this spin, and find the equilibrium.",
+    )
     system.set_inertia(0.0)
     K = system.tangent()
     M = system.M.copy()
@@ -310,23 +315,6 @@ def modes(
     complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
     _warn_of_growth(equilibrium, complete, least)
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
-
-
-def _check_centrifugal_forces(system: System, spin: tuple[float, float, float]) -> None:
-    """Check that a turning scene has centrifugal forces, and all of this spin: the equilibrium and
-    its stiffness would be those of another one."""
-    forces = [item for item in system.items if isinstance(item, Centrifugal)]
-    check(
-        bool(forces),
-        f"modes: spin is {spin!r} rad/s, but no body has a centrifugal force; give each body that "
-        "turns a loads.Centrifugal of this spin, and find the equilibrium again.",
-    )
-    for force in forces:
-        check(
-            np.allclose(force.spin, spin, rtol=SAME_SPIN, atol=SAME_SPIN * np.linalg.norm(spin)),
-            f"modes: spin is {spin!r} rad/s, but '{force.name}' has {tuple(force.spin)!r}; "
-            "give both the same.",
-        )
 
 
 def _distance(mode: Mode, ω: float) -> float:

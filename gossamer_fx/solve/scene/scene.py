@@ -283,7 +283,10 @@ class Scene:
                 )
         start = InitialState(self.bodies, self.comm)
         conditions = [item for item in self.items if isinstance(item, InitialCondition)]
-        for condition in sorted(conditions, key=_turn):
+        # Fold maps act first, then constraints, whose pieces follow the folded films, then another
+        # scene as start, and rigid motions, whose velocities are those where the bodies are.
+        late = (RigidMotion, StartFrom, BringsTerms)
+        for condition in sorted(conditions, key=lambda one: [isinstance(one, k) for k in late]):
             condition.initialise(start)
         items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
         system = System(start, items, rule or PathAverage())
@@ -299,14 +302,3 @@ class Scene:
             if isinstance(condition, StartFrom):
                 system.take_shape_history(cast(System, condition.system))
         return system
-
-
-def _turn(condition: InitialCondition) -> int:
-    """When an initial condition acts: fold maps; then constraints, whose pieces follow the folded
-    films; then another scene as start; and rigid motions, whose velocities are those where the
-    bodies are."""
-    if isinstance(condition, RigidMotion):
-        return 3
-    if isinstance(condition, StartFrom):
-        return 2
-    return int(isinstance(condition, BringsTerms))

@@ -335,16 +335,20 @@ class System:
         """Take the history variables of items that are in another scene, too, from whose shape this
         one starts.  Kinds of terms that have them together are to have the same items.
         Collective."""
+        pairs: list[tuple[object, object]] = []
         for each in self._items:
             # The other scene may lack the item.
-            for term, other_term in zip(each.terms, other.terms_of(each.item), strict=False):
-                for name, part in vars(term).items():
-                    _take_shape_history(part, getattr(other_term, name, None))
+            for term, before in zip(each.terms, other.terms_of(each.item), strict=False):
+                pairs += [(part, getattr(before, name, None)) for name, part in vars(term).items()]
         for compiled in self.compiled_as(HistoryVariables):
             kind = type(compiled)
             if self._items_of(kind) == other._items_of(kind):
-                for before in other.compiled_as(kind):
-                    _take_shape_history(compiled, before)
+                pairs += [(compiled, there) for there in other.compiled_as(kind)]
+        for part, source in pairs:
+            if isinstance(part, HistoryVariables) and isinstance(source, HistoryVariables):
+                history = source.shape_history()
+                if history is not None:
+                    part.set_history(history)
         if self.constraints and self.constraints.can_switch:
             # What latches hold now, the velocities have to fit.
             self.constraints.validate(self.q0, self.v0, self.free_marks())
@@ -849,11 +853,3 @@ class System:
             found.append((scalars, y[start : start + scalars.size]))
             start += scalars.size
         return found
-
-
-def _take_shape_history(part: object, before: object) -> None:
-    """Give a part of a scene the history that belongs to the shape of the same part of another."""
-    if isinstance(part, HistoryVariables) and isinstance(before, HistoryVariables):
-        history = before.shape_history()
-        if history is not None:
-            part.set_history(history)
