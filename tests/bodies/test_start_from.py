@@ -141,7 +141,7 @@ def test_two_starts_are_refused(comm):
 
 @pytest.mark.mpi
 def test_a_film_on_the_ground_stays_in_contact() -> None:
-    """It would fall by a tenth of the gap without the pairs that carry it."""
+    """Without the pairs that carry it, it would fall until it touches again."""
     film = gx.Membrane(sheet(COMM, 3, 3, 0.1, 0.1), LINEAR, name="film")
     distance = 2e-3
     ground = gx.contact.Plane(point=(0.0, 0.0, -0.9 * distance), normal=(0.0, 0.0, 1.0))
