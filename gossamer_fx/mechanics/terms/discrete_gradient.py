@@ -84,8 +84,8 @@ from gossamer_fx.mechanics.materials.film import CLaw
 ROUND_OFF = 4 * np.finfo(float).eps
 
 # Length of a path in strain space below which energies do not correct its stress.  Film counts as
-# taut to a compression of 1e-12, where its energy jumps: a film that hardly moves got stresses above
-# those of its strains from that, and Newton's iteration did not end.
+# taut to a compression of 1e-12, where its energy jumps.  Corrected for that, the stresses of film
+# that hardly moves were above those of its strains, and Newton's iteration did not end.
 SHORTEST_PATH = 3e-12
 
 
