@@ -282,6 +282,10 @@ class Multipliers(ABC):
         """Blocks of multipliers for all terms of the kind, numbered behind the bodies."""
 
     @abstractmethod
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Add the forces of the multipliers, and the violations in their rows."""
+
+    @abstractmethod
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the rows and columns of the multipliers, see `CompiledTerms.add_tangents`."""
 

@@ -15,6 +15,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
@@ -40,6 +41,9 @@ from gossamer_fx.solve.system.totals import Totals
 # many steps and the tolerance of Newton's iteration.  Films and plates at rest were measured to
 # need 3 in 40 steps and 30 in 3000.
 REST_UNITS = 300.0
+
+# Gaps of constraints at the start, over their size, that are above round-off.
+GAP = 1e-14
 
 
 class Increment:
@@ -326,6 +330,9 @@ class System:
             self.supports.hold(self.constraints.idle(free, self.q0))
         self.q0.copy(self.previous)
         self.restart()
+        if self.constraints and not self.rule.is_static and self._close_gaps():
+            self.q0.copy(self.previous)
+            self.restart()
         # Gas starts from the volumes of the initial state, which are known now.
         for scalars in self.scalar_unknowns:
             scalars.start()
@@ -358,6 +365,36 @@ class System:
         return [
             id(each.item) for each in self._items for term in each.terms if term.compiler is kind
         ]
+
+    def _close_gaps(self) -> bool:
+        """Move the coordinates at the start by as little as closes the gaps that `validate` allows,
+        and return whether there are any.  The first step of length h would close a gap d with the
+        velocity 2d/h, and no later one would end it.  Collective."""
+        assert self.constraints is not None, "the caller asks whether there are constraints"
+        r = self.numbering.vector()
+        self.constraints.add_forces(r)
+        _, gap = self.imbalance(r)
+        if gap <= GAP:
+            return False
+        # Least squares of the moves over the extent of the scene, and of those of directors.
+        multipliers = self.constraints.owned
+        weights = self.numbering.vector()
+        of_vectors = np.where(self.position_marks, self.initial.extent() ** -2.0, 1.0)
+        weights.array[: multipliers.start] = np.repeat(of_vectors, 3)
+        A = self.numbering.matrix()
+        self.constraints.add_tangents(A)
+        A.setDiagonal(weights, addv=PETSc.InsertMode.ADD_VALUES)
+        A.assemble()
+        self.supports.clear(A, 1.0)
+        r.array[self.supports.held] = 0.0
+        move = self.numbering.vector()
+        problem = factorisation.solve(A, r, move)
+        if not problem:
+            move.array[multipliers] = 0.0
+            self.q0.axpy(-1.0, move)
+        for thing in (r, weights, A, move):
+            thing.destroy()
+        return not problem
 
     def free_marks(self) -> PETSc.Vec:
         """A new vector with 0 at coordinates that are held, else 1."""
