@@ -2,10 +2,11 @@
 turned so that normals agree and point outwards.
 
 Volume (`enclosed_by`).  With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6, of
-curved ones of order 2 Σ ⅓∫x·(∂x/∂ξ × ∂x/∂η) dξ dη; it is positive if the normals point outwards.  An open surface is closed for this purpose: each of its
-rims is spanned by a fan of triangles between the edges of the rim and the mean of its points.  If
-the fans are small against the surface, as those of the polar rings of a balloon, the surface has an
-inside; if they are not, as that of the rim of a reflector, its sides are equal.
+curved ones of order 2 Σ ⅓∫x·(∂x/∂ξ × ∂x/∂η) dξ dη; it is positive if the normals point outwards.
+An open surface is closed for this purpose: each of its rims is spanned by a fan of triangles
+between the edges of the rim and the mean of its points.  If the fans are small against the surface,
+as those of the polar rings of a balloon, the surface has an inside; if they are not, as that of the
+rim of a reflector, its sides are equal.
 
 Consistent normals (`oriented`): triangles are turned so that neighbours have their normals on the
 same side.  Two neighbours agree if they pass their common edge in opposite directions.  Fronts and
@@ -111,8 +112,9 @@ def volumes(corners: Array) -> Array:
 def _curved_volumes(nodes: Array) -> Array:
     """Signed volumes (n,) [m³] between the origin and triangles of order 2, nodes (n, 6, 3) [m]."""
     triangle = basix.CellType.triangle
-    points, weights = basix.make_quadrature(triangle, 4)
-    shapes = basix.create_element(basix.ElementFamily.P, triangle, 2).tabulate(1, points)[..., 0]
+    points, weights = (np.asarray(part) for part in basix.make_quadrature(triangle, 4))
+    element = basix.create_element(basix.ElementFamily.P, triangle, 2)
+    shapes = np.asarray(element.tabulate(1, points))[..., 0]
     x, along, across = np.einsum("kqd,ndi->knqi", shapes, nodes)
     found: Array = np.einsum("q,nqi,nqi->n", weights, x, np.cross(along, across)) / 3
     return found

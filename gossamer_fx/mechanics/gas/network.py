@@ -312,9 +312,7 @@ class GasNetwork(ScalarUnknowns):
 
     def force_square(self) -> float:
         """Of the pressures inside: those outside are nearly as large where a chamber is in air."""
-        forces = [
-            self.y[k] * enclosure.gradients()[0] for k, enclosure in self._enclosures.items()
-        ]
+        forces = [self.y[k] * enclosure.gradients()[0] for k, enclosure in self._enclosures.items()]
         return sum(float(force @ force) for force in forces)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:

@@ -15,11 +15,11 @@ with E = exp(-h/τ) let y = z0 + ½ Δe.  Then
     S_mean = ½ (1 + E) r ψ'(y)                                                                   (3)
     S_mean·Δe = r (ψ(z1) - ψ(z0)) + r (1 - E²) ψ(y)                                              (4)
 
-(4) holds exactly, as ψ is quadratic; its last part, which is not negative, is the loss.  As ψ'
-is linear, law and branches together have the stress ψ'(e + Σ r_k z_k), of a step that at the means
-of e and z_k; fields and probes show it.  Under a held strain (2) is exact for any h; else it is of second order in h, as it is the midpoint rule with
+(4) holds exactly, as ψ is quadratic; its last part, which is not negative, is the loss.  Under a
+held strain (2) is exact for any h; else it is of second order in h, as it is the midpoint rule with
 2 tanh(h/2τ) in place of h/τ.  Stresses are linear in the strain, so that momenta are conserved as
-those of damping are.
+those of damping are.  Law and branches together have the stress ψ'(e + Σ r_k z_k), of a step that
+at the means of e and z_k; fields and probes show it.
 
 At rest the branches have relaxed: a search for equilibrium has the law alone.
 
@@ -302,7 +302,7 @@ class RelaxingForces(ViscousForces):
         what sets it through the values at the quadrature points of each cell."""
         space = self._strain.function_space
         (size,) = space.value_shape
-        order = self.term.body.full.order - 1
+        order = self.term.body.space.ufl_element().degree - 1
         smooth = fem.functionspace(space.mesh, ("Discontinuous Lagrange", order, (size,)))
         function = fem.Function(smooth)
         [shapes] = smooth.ufl_element().sub_elements[0].tabulate(0, interpolation_points(space))
