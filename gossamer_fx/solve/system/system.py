@@ -101,17 +101,20 @@ class Increment:
         """Forget the masses of the last `force_scale`."""
         self._masses = None
 
-    def force_scale(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
+    def force_scale(
+        self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec, other_square: float
+    ) -> float:
         """Reference force [N] for the round-off of a residual, the norm of what cancels in it:
         diag(K) q1 and diag(c M)(w + o), from the diagonal of the tangent, diag(K) + diag(c M)
-        [N/m].  Fixed coordinates do not count: their forces are reactions.  Collective."""
+        [N/m], and others, of which this rank's part of the square [N²] is given.  Fixed coordinates
+        do not count: their forces are reactions.  Collective."""
         inertia = self._diagonal_inertia(M)
         offset = 0.0 if self._offset is None else self._offset.array_r
         elastic = (diagonal.array_r - inertia) * q1.array_r
         inertial = inertia * (self._w.array_r + offset)
         forces = np.stack([elastic, inertial])
         forces[:, self._supports.held] = 0.0
-        square = float(np.vdot(forces, forces))
+        square = float(np.vdot(forces, forces)) + other_square
         if self._comm.size > 1:
             square = self._comm.allreduce(square)
         return square**0.5
@@ -821,7 +824,8 @@ class System:
     def force_scale(self, diagonal: PETSc.Vec) -> float:
         """Norm [N] of the forces that cancel in the last residual: the scale of its round-off, from
         the diagonal of the tangent."""
-        return self.increment.force_scale(self.M, diagonal, self.q1)
+        of_scalars = sum(scalars.force_square() for scalars in self.scalar_unknowns)
+        return self.increment.force_scale(self.M, diagonal, self.q1, of_scalars)
 
     def round_off_energy(self, diagonal: PETSc.Vec) -> float:
         """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the
