@@ -19,7 +19,7 @@ from gossamer_fx.solve.system.system import System
 
 # Number of tangents at the start of a step without geometric stiffness, by delay level.  A failed
 # iteration is repeated at the next level, so that steps which converge at once pay nothing.
-GEOMETRIC_STIFFNESS_DELAYS = (0, 3, 8, 20)
+GEOMETRIC_STIFFNESS_DELAYS = (0, 20)
 
 # Converged steps in a row after which the delay level is lowered by one.  Where no level helped,
 # delays are not tried again for as many steps: the repeated iterations would be wasted.
