@@ -137,7 +137,6 @@ def test_factors_that_no_longer_serve_are_replaced_within_a_solve(comm, monkeypa
     run.run(until=4e-3)
     assert spoilt
     # Eight iterations with the old factors, and some with the new ones.
-    print("MAX", max(iterations))
     assert max(iterations) <= 16
 
 
