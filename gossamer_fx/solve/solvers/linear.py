@@ -265,6 +265,11 @@ class BorderedPreconditioner:
         repeated.
         """
         operator = self._operator
+        # The flexible Krylov method allows another preconditioner within a solve.
+        if _is_outdated(self._sparse):
+            # PETSc does not set up for a matrix again unless it has changed.
+            operator.A.A.stateIncrease()
+            self._set_up_sparse(is_new_step=False)
         self._applications += 1
         r, s = operator.composite.split(x)
         self._sparse.apply(r, self._out)
@@ -354,6 +359,12 @@ def _keep_factors(pc: PETSc.PC) -> bool:
         return False
     keep_factors = getattr(pc.getPythonContext(), "keep_factors", None)
     return keep_factors is not None and keep_factors()
+
+
+def _is_outdated(pc: PETSc.PC) -> bool:
+    """Whether a preconditioner is to be set up again within a solve, as its factors are those of an
+    earlier matrix and no longer serve."""
+    return pc.getType() == "python" and getattr(pc.getPythonContext(), "is_outdated", False)
 
 
 def recover(pc: PETSc.PC) -> None:
