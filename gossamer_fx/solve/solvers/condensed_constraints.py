@@ -30,14 +30,20 @@ so that R has three columns for the six or nine numbers of a frame, with d_i at 
 and L the same in the middle (discrete null space method, Betsch, CMAME 194 (2005) 5159,
 doi:10.1016/j.cma.2005.01.004).
 
+What is left are revolute, sliding and other joints, links, and directors that are held in part.
+Their gradients J by the unknowns that are left have a null space N and right inverses; R is then
+replaced by R N.  Joints that share no unknowns have null spaces of their own, which are small.
+
 Algorithm.
 
 1. Once: Gaussian elimination of the linear equations, so that a slave may follow a coordinate that
    is itself a slave (chains of ties).  The slave is the coordinate with the largest coefficient, of
    a film or cable if the equation has one, else of the position of another body.
-2. For each matrix: R = V R_d, of the elimination V and the rotations R_d of (4); L in the same way.
+2. For each matrix: R = V R_d N, of the elimination V, the rotations R_d of (4) and the null spaces
+   N of joints, whose gradients are rows and columns of A; L in the same way.
 3. K = Lᵀ A R, with the unit matrix in the rows and columns of what is gone, so that the numbering
-   stays; θ has the numbers of the first director.  R differs from the unit matrix in few rows; A is
+   stays; θ has the numbers of the first director, and of the unknowns of a joint those give way
+   which its equations determined best at the start.  R differs from the unit matrix in few rows; A is
    copied and corrected in these rows and in those of their neighbours.
 4. In each application: (3), with the two-level preconditioner (`solvers.two_level`) of K instead of
    its inverse.  (2) and the multipliers are exact, so that the Krylov iteration is that of y.
@@ -47,8 +53,8 @@ The matrix A is stored with the fill of K, so that the copy is one of memory.
 Contact.  Its couplings C change their pattern.  The operator of the iteration adds products
 Lᵀ C R y; the two-level preconditioner gets K + Lᵀ C R with the strong ones, as a new matrix.
 
-Limits.  No contact together with gas.  No multipliers of other joints.  Of directors that are held
-in part the multipliers remain.
+Limits.  No latches, which hold at times.  No joints that depend on each other in chains of more
+than `MAX_UNKNOWNS_OF_SET` unknowns.
 
 Tried, without gain: beams that hold a film at a few points factorised by themselves, and coupled by
 a dense Schur complement.  The antenna of 170 thousand unknowns took as long as with a factorisation
@@ -433,6 +439,8 @@ class CondensedConstraints:
     sparse matrices have columns for these only.
     """
 
+    adds_couplings = True
+
     def __init__(self, system: System, condensation: Condensation) -> None:
         """Extend the pattern of the system's matrices by the fill of K.  Collective."""
         self._system = system
@@ -467,7 +475,10 @@ class CondensedConstraints:
         turned = sum(len(each.directors) for each in self._condensation.frames)
         words = f"{self._two_level}, {len(self._condensation.rules)} tied coordinates condensed"
         if turned:
-            words += f" and {turned} frames"
+            words += f", {turned} frames"
+        joined = sum(sets.multipliers.size for sets in self._condensation.joints)
+        if joined:
+            words += f", {joined} equations of joints"
         return words
 
     def recover(self) -> None:
@@ -995,17 +1006,16 @@ class CondensedSolver:
 
 
 def for_constraints(
-    system: System, max_iterations: int, is_alone: bool
+    system: System, max_iterations: int
 ) -> CondensedConstraints | EliminatedJoints | None:
     """The preconditioner of a system with constraints, as the context of PETSc's Python
     preconditioner: films whose constraints are condensed, or films with few other unknowns.  None
-    if the matrix is to be factorised.  A solve ends after `max_iterations`.  `is_alone` says that
-    there are no scalar unknowns, so that `CondensedSolver` serves, which frames need.  Collective.
+    if the matrix is to be factorised.  A solve ends after `max_iterations`.  Collective.
     """
     few = eliminated_unknowns(system)
-    is_large = few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
+    is_large = few is None and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
     has_contact = bool(system.active_sets)
-    if (not has_contact or (few is None and is_alone)) and _has_films(system):
+    if (few is None or not has_contact) and _has_films(system):
         frames = _free_frames(system)
         if is_large or not frames:
             condensation = Condensation(system, frames)
