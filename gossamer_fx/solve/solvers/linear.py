@@ -230,9 +230,9 @@ class BorderedPreconditioner:
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
         if _keep_factors(self._sparse):
             return
-        if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
+        if factorisation.is_exact(self._sparse) or _is_marked(self._sparse, "needs_couplings"):
             factorisation.replace(self._sparse, tangent.for_factorisation())
-        elif self._needs_couplings:
+        elif self._needs_couplings and not _is_marked(self._sparse, "adds_couplings"):
             self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
         else:
             self._sparse.setOperators(tangent.A)
@@ -289,9 +289,8 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
     A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
     Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
-    those of ties are condensed, and in large systems those of beams and rigid bodies; few of others
-    are eliminated (`condensed_constraints.for_constraints`), with many the matrix is factorised,
-    too.
+    few are eliminated, many condensed, those of beams and rigid bodies in large systems only
+    (`condensed_constraints.for_constraints`).
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
@@ -308,13 +307,13 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         # Imported here, as scenes without joints must not pay for it.
         from gossamer_fx.solve.solvers import condensed_constraints
 
-        # Scalar unknowns need a separate preconditioner.
-        is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
-        context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS, is_alone)
+        context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS)
         if context is not None:
             _choose_gmres(ksp)
             pc.setType("python")
             pc.setPythonContext(context)
+            # Scalar unknowns need a separate preconditioner.
+            is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
             if is_alone and isinstance(context, condensed_constraints.CondensedConstraints):
                 ksp.setType("python")
                 ksp.setPythonContext(condensed_constraints.CondensedSolver(context))
@@ -347,9 +346,10 @@ def _choose_gmres(ksp: PETSc.KSP) -> None:
     ksp.setTolerances(rtol=LINEAR_RTOL, max_it=MAX_KSP_ITERATIONS)
 
 
-def _needs_all_couplings(pc: PETSc.PC) -> bool:
-    """Whether a preconditioner takes the tangent with all couplings of contact."""
-    return pc.getType() == "python" and getattr(pc.getPythonContext(), "needs_couplings", False)
+def _is_marked(pc: PETSc.PC, mark: str) -> bool:
+    """Whether a preconditioner takes the tangent with all couplings of contact
+    (`needs_couplings`), or adds them itself (`adds_couplings`)."""
+    return pc.getType() == "python" and getattr(pc.getPythonContext(), mark, False)
 
 
 def _keep_factors(pc: PETSc.PC) -> bool:

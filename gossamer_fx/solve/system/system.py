@@ -230,8 +230,8 @@ class System:
             if issubclass(kind, Multipliers)
             for block in kind.multipliers(alike, self.comm)
         ]
-        blocks = [body.block for body in self.bodies] + multipliers
-        self.numbering = numbering = Numbering(self.comm, blocks)
+        blocks = [body.block for body in self.bodies]
+        self.numbering = numbering = Numbering(self.comm, blocks, multipliers)
         self._block_of = {body: NumberedBlock(numbering, k) for k, body in enumerate(self.bodies)}
         # Distributed vectors of all unknowns, without ghosts: coordinates [m] at the start (q0) and
         # the end (q1) of the step, velocities [m/s] at its start, and q0 of the step before.
@@ -328,9 +328,11 @@ class System:
             free = self.free_marks()
             # Constraints have to hold at the start: a step would close a gap with a jump.
             self.constraints.validate(self.q0, self.v0, free)
-            # Multipliers of constraints between fixed points have no equation; they are held at
-            # zero.
-            self.supports.hold(self.constraints.idle(free, self.q0))
+            # Multipliers of constraints between fixed points have no equation, and neither have
+            # unknowns that complete a block of the matrix; they are held at zero.
+            idle = self.constraints.idle(free, self.q0)
+            everything = np.arange(self.numbering.size_local)
+            self.supports.hold(np.union1d(idle, everything[self.numbering.unused]))
         self.q0.copy(self.previous)
         self.restart()
         if self.constraints and not self.rule.is_static and self._close_gaps():
