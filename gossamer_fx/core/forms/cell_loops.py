@@ -27,7 +27,7 @@ from gossamer_fx.core.forms.backend import (
     add_to_vector,
     cell_integral,
     geometry_nodes,
-    pack_constants,
+    packed_constants,
     values_and_rows,
 )
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
@@ -67,7 +67,7 @@ def cell_function(expression: fem.Expression) -> CellFunction:
     return CellFunction(
         address=_address(compiled),
         coefficients=tuple(coefficients[position]._cpp_object for position in positions),
-        constants=lambda: pack_constants(expression),
+        constants=packed_constants(expression),
         owner=expression,
     )
 
@@ -199,11 +199,14 @@ def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[
 
 
 def prepared_integral(
-    form: fem.Form, only: Indices | None = None
+    form: fem.Form,
+    only: Indices | None = None,
+    in_place_of: Mapping[Any, CellValues] | None = None,
 ) -> tuple[PreparedFunction, Cells, Indices] | None:
     """The C function of a compiled form that is one integral over cells, the cells, and the rows of
     the nodes of its space there (cells, k); None: it is not.  `only` are the local numbers of some
-    of the cells.  Collective."""
+    of the cells, which may occur several times; `in_place_of` as of `PreparedFunction`.
+    Collective."""
     found = cell_integral(form)
     if found is None:
         return None
@@ -212,12 +215,12 @@ def prepared_integral(
     function = CellFunction(
         address=_address(integral),
         coefficients=tuple(form._cpp_object.coefficients),
-        constants=lambda: pack_constants(form),
+        constants=packed_constants(form),
         owner=form,
     )
     space: Any = form.function_spaces[0]
     rows = space.dofmap.map()[cells.numbers]
-    return PreparedFunction(function, cells, {}), cells, rows
+    return PreparedFunction(function, cells, in_place_of or {}), cells, rows
 
 
 def assembly(form: fem.Form, values: Array) -> Callable[[], Any]:
