@@ -383,4 +383,4 @@ def _nonzero_blocks(blocks: Array, index: Int32Array) -> np.ndarray:
         c.array("blocks", blocks, "float64", (len(blocks), 9)),
         c.array("is_nonzero", is_nonzero, "uint8", (count,), writable=True),
     )
-    return np.flatnonzero(is_nonzero)
+    return is_nonzero.nonzero()[0]

@@ -543,7 +543,8 @@ class ContactSet:
         for body in self.mesh.bodies:
             owned = self.system.block(body).owned
             rows = update[owned].reshape(-1, body.block.size)
-            way = np.sqrt(np.einsum("nc,nc->n", rows[:, :3], rows[:, :3]))
+            x, y, z = rows[:, :3].T
+            way = np.sqrt(x * x + z * z + y * y)
             # A whole node keeps the direction of its update.
             if way.max(initial=0.0) > longest:
                 rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
