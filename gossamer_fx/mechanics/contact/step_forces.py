@@ -20,6 +20,7 @@ from gossamer_fx.mechanics.contact.active_set import between_bodies
 from gossamer_fx.mechanics.contact.assembly import BlockAssembly
 from gossamer_fx.mechanics.contact.contract import (
     Array,
+    ByteArray,
     ContactAssembly,
     Int32Array,
     Int64Array,
@@ -47,7 +48,6 @@ class StepForces:
         friction: if there is any.
         push_back: stiffness of pairs that passed through, over their own [-].
         point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
-        acting_count: number of pairs with a force there.
         assembly: of the tangent; it has the blocks off the diagonal.
     """
 
@@ -60,7 +60,6 @@ class StepForces:
     ) -> None:
         self.friction = friction
         self.push_back = PUSH_BACK
-        self.acting_count = 0
         self._points = points
         self._law = law
         self._system = system
@@ -71,8 +70,14 @@ class StepForces:
         self._is_reversed = False
         # Points (m, 3) at the end of the step at the last residual; None before the first one.
         self._last_end: Array | None = None
+        self._states: list[ByteArray] = []
         self.point_forces: Array = np.zeros((0, 3))
         self.clear()
+
+    @property
+    def acting_count(self) -> int:
+        """Number of pairs with a force at the last residual."""
+        return sum(np.count_nonzero(state) for state in self._states)
 
     def clear(self) -> None:
         """Set the forces to zero, with a row for each point that this rank knows."""
@@ -160,7 +165,6 @@ class StepForces:
         for forces in self._forces:
             forces(x0, x1, push_back=self.push_back)
         self._last_end = x1
-        self.acting_count = sum(np.count_nonzero(state) for state in self._states)
         if self.friction is not None and not self._is_reversed:
             self.friction.add_forces(x0, x1, self.point_forces)
 

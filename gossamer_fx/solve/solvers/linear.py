@@ -38,6 +38,8 @@ All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -192,6 +194,13 @@ class BorderedPreconditioner:
         self._applications = 0  # since the last set-up
         self._fresh_applications: int | None = None  # of the first solve with the present Z
         self._needs_couplings = False  # whether P includes strong couplings in this step
+        self._solve_dense: Any = None
+        if operator.composite.scalars:
+            # Imported here, see `factorisation.Lapack`.
+            from scipy.linalg import lapack
+
+            # A fifth of the calls of NumPy's function.
+            self._solve_dense = lapack.dgesv
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Set up P for the present tangent [[A, G], [Hᵀ, C]], and compute Z = P⁻¹ G and the Schur
@@ -268,12 +277,13 @@ class BorderedPreconditioner:
         self._applications += 1
         r, s = operator.composite.split(x)
         self._sparse.apply(r, self._out)
-        right = s - operator.rows(self._out.array_r)
-        try:
-            δy: Array = np.linalg.solve(self._schur, right)
-        except np.linalg.LinAlgError:
-            # The iteration has diverged.  PETSc detects NaN on all ranks, and the step is repeated.
-            δy = np.full_like(right, np.nan)
+        δy: Array = s - operator.rows(self._out.array_r)
+        if δy.size:
+            _, _, δy, zero_pivot = self._solve_dense(self._schur, δy)
+            if zero_pivot:
+                # The iteration has diverged.  PETSc detects NaN on all ranks, and the step is
+                # repeated.
+                δy[:] = np.nan
         self._Z.add(self._out, -δy)
         operator.composite.join(self._out, δy, out)
 

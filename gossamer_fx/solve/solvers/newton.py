@@ -47,6 +47,7 @@ import math
 import time
 import weakref
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -85,16 +86,16 @@ SMALL_RESIDUAL_RATIO = 1e-5
 COMPLETE_TANGENT_RATIO = 0.01
 
 
-def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
+def _weak_method(method: Any) -> Callable[..., Any]:
     """A bound method with only a weak reference to its object.  The garbage collector does not see
     references held by a solver of PETSc, so an ordinary bound method would make a reference cycle
     that is never freed."""
-    reference = weakref.WeakMethod(method)
+    # `weakref.WeakMethod` would make two more calls in each.
+    reference = weakref.ref(method.__self__)
+    function = method.__func__
 
-    def call(*args: P.args, **keywords: P.kwargs) -> T:
-        bound = reference()
-        assert bound is not None
-        return bound(*args, **keywords)
+    def call(*args: Any) -> Any:
+        return function(reference(), *args)
 
     return call
 
