@@ -22,9 +22,8 @@ for one of C++, in each iteration.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from importlib import import_module
 from inspect import signature
 from typing import Any
@@ -70,7 +69,6 @@ __all__ = [
     "gmsh_order",
     "interpolation_points",
     "loaded_kernel",
-    "packed_constants",
     "submesh_of",
     "values_and_rows",
 ]
@@ -224,13 +222,6 @@ def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
     components = int(np.prod(expression.ufl_expression.ufl_shape, dtype=int))
     width = expression.X().shape[0] * components
     return np.asarray(values).reshape(len(cells), width)
-
-
-def packed_constants(compiled: fem.Form | fem.Expression) -> Callable[[], Array]:
-    """What returns the present values of all constants of a compiled form or expression, one after
-    the other."""
-    # Without a Python function between: it is called in each evaluation.
-    return partial(dolfinx.cpp.fem.pack_constants, compiled._cpp_object)
 
 
 def values_and_rows(function: Any) -> tuple[Array, Indices]:

@@ -10,7 +10,7 @@ has no arguments to convert.  What is computed, and the order of sums, are those
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,10 @@ from gossamer_fx.core.forms.backend import (
     add_to_vector,
     cell_integral,
     geometry_nodes,
-    packed_constants,
     values_and_rows,
 )
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
+from gossamer_fx.core.forms.compilation import constant_values
 
 # Its functions are declared in this header.
 HEADER = Path(__file__).parent / "cells.h"
@@ -45,13 +45,13 @@ class CellFunction:
         address: of the function.
         coefficients: functions of dolfinx's C++ library whose values in the cell are its arguments,
             in this order.
-        constants: returns the present values of its constants, one after the other.
+        constants: arrays that hold the present values of its constants.
         owner: what has to exist as long as it is called.
     """
 
     address: int
     coefficients: tuple[Any, ...]
-    constants: Callable[[], Array]
+    constants: Sequence[Array]
     owner: object
 
 
@@ -67,7 +67,7 @@ def cell_function(expression: fem.Expression) -> CellFunction:
     return CellFunction(
         address=_address(compiled),
         coefficients=tuple(coefficients[position]._cpp_object for position in positions),
-        constants=packed_constants(expression),
+        constants=constant_values(expression),
         owner=expression,
     )
 
@@ -154,23 +154,24 @@ class PreparedFunction:
         """Take the values of `in_place_of` for the functions that are its keys."""
         self._cells = cells
         self._function = function
-        self._constants = np.array(function.constants(), dtype=np.float64)
         c = cells.library
+        constants = [values.reshape(-1) for values in function.constants]
+        sources = [
+            {"values": c.array("constant", one, "float64", one.shape), "count": one.size}
+            for one in constants
+        ]
         arguments = [in_place_of.get(f) or cells.values_of(f) for f in function.coefficients]
         # cffi does not keep alive what the members of an array of structures point at.
-        self._kept = [one.fields(c) for one in arguments]
+        self._kept = [one.fields(c) for one in arguments], sources
         self.fields = {
             "function": function.address,
-            "constants": c.array("constants", self._constants, "float64", self._constants.shape),
+            "constants": cells.work(sum(one.size for one in constants)),
+            "source_count": len(sources),
+            "sources": c.ffi.new("constant_value[]", sources),
             "argument_count": len(arguments),
-            "arguments": c.ffi.new("cell_values[]", self._kept),
+            "arguments": c.ffi.new("cell_values[]", self._kept[0]),
             "packed": cells.work(sum(one.width for one in arguments)),
         }
-
-    def read_constants(self) -> None:
-        """Take the present values of the constants."""
-        if self._constants.size:
-            self._constants[:] = self._function.constants()
 
     def applied(self, loop: str, to: CStruct, width: int) -> Callable[[], Any]:
         """Return what calls a C loop, such as "set_in_cells", with the function; `to` is where the
@@ -181,8 +182,8 @@ class PreparedFunction:
         work = self._cells.work(width)
         call = getattr(c.lib, loop)
 
-        def apply() -> Any:
-            self.read_constants()
+
+        def apply(_kept: PreparedFunction = self) -> Any:
             return call(function.pointer, cells.pointer, to.pointer, work)
 
         return apply
@@ -215,7 +216,7 @@ def prepared_integral(
     function = CellFunction(
         address=_address(integral),
         coefficients=tuple(form._cpp_object.coefficients),
-        constants=packed_constants(form),
+        constants=constant_values(form),
         owner=form,
     )
     space: Any = form.function_spaces[0]
