@@ -20,11 +20,11 @@ energy, must also be small:
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated
 
-import numpy as np
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
@@ -172,8 +172,7 @@ class ConvergenceTest:
     def lower_floor(self, force_scale: float) -> None:
         """Lower the round-off floor to that of the forces F [N] that cancel in the residual; of
         several calls the smallest F counts."""
-        units = self._tolerances.floor * np.finfo(float).eps
-        floor = float(units * force_scale)
+        floor = self._tolerances.floor * sys.float_info.epsilon * force_scale
         self.round_off_floor = min(floor, self.round_off_floor or math.inf)
 
     def is_solved(self, residual: Residual, energy_error_is_small: Callable[[], bool]) -> bool:

@@ -119,10 +119,13 @@ class Composite:
         if not self.scalars:
             x.copy(self.fields)
             return self.fields, np.zeros(0)
-        self.fields.array[:] = x.array_r[: self.n]
+        values = x.array_r
+        self.fields.array[:] = values[: self.n]
+        if self.comm.size == 1:
+            return self.fields, values[self.n :].copy()
         y: Array = np.empty(self.scalars)
         if self.comm.rank == 0:
-            y[:] = x.array_r[self.n :]
+            y[:] = values[self.n :]
         self.comm.Bcast(y)
         return self.fields, y
 

@@ -159,6 +159,8 @@ class Newton:
         # Shares of the lengths of the updates of an iteration that remain, see `_limit_update`.
         self._kept_shares: list[float] = []
         self._r = system.numbering.vector()
+        # w of the last residual, and that from which the strains of the next one are linear.
+        self._w_evaluated = system.numbering.vector()
         self._linearisation_point = system.numbering.vector()
         self._diagonal = system.numbering.vector()
         self.convergence = ConvergenceTest(tolerances, bool(system.active_sets))
@@ -317,6 +319,7 @@ class Newton:
             F.set(math.nan)
             return
         w, y = self._split(x)
+        w.copy(self._w_evaluated)
         started = time.perf_counter()
         self.system.set_increment(w, self._linearisation_point)
         self._add_time("law", started)
@@ -374,32 +377,27 @@ class Newton:
             REUSE_FACTORS_RATIO * test.reference,
         )
         if self._is_refining or (is_near and self.system.numbering.full and iteration):
-            self._note_linearisation_point()
+            self._w_evaluated.copy(self._linearisation_point)
             return
         started = time.perf_counter()
         is_far = test.norm > COMPLETE_TANGENT_RATIO * test.reference
         is_delayed = is_far and iteration < self.geometric_stiffness_delay
-        self._set_geometric_stiffness(0.0 if is_delayed else 1.0)
+        if is_delayed:
+            self._set_geometric_stiffness(0.0)
         A = self._tangent()
-        # Complete again at once, so that no other user of the system gets a tangent without it.
-        self._set_geometric_stiffness(1.0)
+        if is_delayed:
+            # Complete again at once, so that no other user of the system gets a tangent without it.
+            self._set_geometric_stiffness(1.0)
         self._add_time("tangent", started)
         if self._bordered is not None:
             self._bordered.set(*self._coupling())
             J.assemble()
         self._update_round_off_floor(A)
-        self._note_linearisation_point()
+        self._w_evaluated.copy(self._linearisation_point)
         self._choose_linear_tolerance()
-
-    def _note_linearisation_point(self) -> None:
-        """Let the strains of the next iterate be linear from this one."""
-        w, _ = self._split(self._snes.getSolution())
-        w.copy(self._linearisation_point)
 
     def _set_geometric_stiffness(self, share: float) -> None:
         """Choose the share of the geometric stiffness in tangents, 0 or 1."""
-        if share == self.system.geometric:
-            return
         self.system.geometric = share
         for at in self.system.coordinates.values():
             at.γ.value = share
