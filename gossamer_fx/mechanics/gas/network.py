@@ -289,7 +289,7 @@ class GasNetwork(ScalarUnknowns):
         itself if it or the volumes are not finite, a volume is not positive, or no solution is
         found."""
         # A sum is finite only if all of its terms are; a volume that is NaN is not positive.
-        total = y.sum() + (self.volumes + self.swept).sum()
+        total = y @ y + self.volumes @ self.volumes + self.swept @ self.swept
         if not (math.isfinite(total) and self.volumes.min() > 0):
             return y
         # Newton's update of y belongs to the y that was proposed; it is applied to the y that was

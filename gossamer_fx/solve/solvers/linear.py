@@ -38,6 +38,7 @@ All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -130,15 +131,21 @@ class Composite:
         return self.fields, y
 
 
+@dataclass(frozen=True, eq=False)
 class Columns:
-    """The columns (n,) of a matrix (n, m) of which some are zero, given as None; n counts the
-    unknowns of this rank.  `count` is m, `nonzero` has the indices of the k columns that are not
-    zero, and `values` (k, n) these columns as rows."""
+    """The columns (n,) of a matrix (n, m) of which some are zero; n counts the unknowns of this
+    rank.  `count` is m, `nonzero` has the indices of the k columns that are not zero, and `values`
+    (k, n) these columns as rows."""
 
-    def __init__(self, columns: list[Array | None]) -> None:
-        self.count = len(columns)
-        self.nonzero = [k for k, column in enumerate(columns) if column is not None]
-        self.values: Array = np.array([column for column in columns if column is not None])
+    count: int
+    nonzero: list[int]
+    values: Array
+
+    @classmethod
+    def of(cls, columns: list[Array | None]) -> Columns:
+        """Take the columns (n,), None: zero."""
+        nonzero = [k for k, column in enumerate(columns) if column is not None]
+        return cls(len(columns), nonzero, np.array([columns[k] for k in nonzero]))
 
     def products(self, z: Array) -> Array:
         """Product (m,) of each column with z (n,), or products (m, k) with k vectors z (k, n)."""
@@ -164,8 +171,8 @@ class Bordered:
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
         """Set G and H, by this rank's parts (n,) of their columns (None: zero), and C (m, m)."""
-        self.G = Columns(G)
-        self.H = Columns(H)
+        self.G = Columns.of(G)
+        self.H = Columns.of(H)
         self.C = C
 
     def rows(self, z: Array) -> Array:
@@ -192,7 +199,9 @@ class BorderedPreconditioner:
         self._sparse = sparse
         self._system = system
         self._out = operator.composite.fields.duplicate()
-        self._Z = Columns([])
+        self._Z = Columns.of([])
+        # The kind of a preconditioner does not change.
+        self._is_exact = factorisation.is_exact(sparse)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._fresh_applications: int | None = None  # of the first solve with the present Z
@@ -215,8 +224,7 @@ class BorderedPreconditioner:
         is_new_step = step != self._step
         self._set_up_sparse(is_new_step)
         # Only the two-level preconditioner costs so much that it pays to use an earlier Z.
-        may_reuse = not factorisation.is_exact(self._sparse)
-        if not may_reuse or is_new_step or self._has_aged():
+        if self._is_exact or is_new_step or self._has_aged():
             self._solve_columns()
             self._step = step
             self._fresh_applications = None
@@ -242,7 +250,7 @@ class BorderedPreconditioner:
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
         if _keep_factors(self._sparse):
             return
-        if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
+        if self._is_exact or _needs_all_couplings(self._sparse):
             factorisation.replace(self._sparse, tangent.for_factorisation())
         elif self._needs_couplings:
             self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
@@ -259,14 +267,14 @@ class BorderedPreconditioner:
     def _solve_columns(self) -> None:
         """Compute Z = P⁻¹ G for the columns G (n, m) of the scalar unknowns that are not zero.
         Collective."""
-        operator = self._operator
-        column = operator.composite.fields
-        solved: list[Array | None] = [None] * operator.G.count
-        for k, values_of_column in zip(operator.G.nonzero, operator.G.values, strict=True):
-            column.array[:] = values_of_column
+        G = self._operator.G
+        column = self._operator.composite.fields
+        solved = np.empty_like(G.values)
+        for values, solution in zip(G.values, solved, strict=True):
+            column.array[:] = values
             self._sparse.apply(column, self._out)
-            solved[k] = self._out.array_r.copy()
-        self._Z = Columns(solved)
+            solution[:] = self._out.array_r
+        self._Z = Columns(G.count, G.nonzero, solved)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (δz, δy) for residuals x = (r, s) by block elimination; called by PETSc.

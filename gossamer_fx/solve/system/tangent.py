@@ -153,13 +153,11 @@ class BlockSum:
         matrix of the last call or a new one."""
         keys = [blocks.rows * self._row_count + blocks.columns for blocks in couplings]
         positions = [self._keys.searchsorted(some) for some in keys]
-        has_all = len(self._keys) and all(
-            np.array_equal(self._keys.take(at, mode="clip"), some)
-            for at, some in zip(positions, keys, strict=True)
-        )
-        if not has_all:
-            self._make(np.concatenate(keys))
-            positions = [self._keys.searchsorted(some) for some in keys]
+        for at, some in zip(positions, keys, strict=True):
+            if not self._keys.size or (self._keys.take(at, mode="clip") != some).any():
+                self._make(np.concatenate(keys))
+                positions = [self._keys.searchsorted(some) for some in keys]
+                break
         # Without `mode` NumPy would fill a copy of the array first.
         self._values_of_A.take(self._positions_in_A, axis=0, out=self._values, mode="clip")
         self._values[self._added] = 0
