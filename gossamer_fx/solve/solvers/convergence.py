@@ -25,7 +25,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated
 
-
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 
@@ -200,8 +199,8 @@ class ConvergenceTest:
     def diverges(self) -> bool:
         """Whether the last residual exceeds `DIVERGENCE_RATIO`, 1e12, times the larger one of the
         first two, and of the tolerance."""
-        largest_early = max(self.norms[:2])
-        return self.norm > DIVERGENCE_RATIO * max(largest_early, self.tolerance)
+        has_grown = self.norm > DIVERGENCE_RATIO * max(self.norms[:2])
+        return has_grown and self.norm > DIVERGENCE_RATIO * self.tolerance
 
 
 # An iteration has stalled if the least residual of its last iterates is above STALLED_RATIO of the

@@ -372,11 +372,12 @@ class Newton:
         """
         iteration = snes.getIterationNumber()
         test = self.convergence
-        is_near = test.norm < min(
+        may_reuse = self.system.numbering.full and iteration
+        is_near = may_reuse and test.norm < min(
             REUSE_FACTORS_BELOW_TOLERANCE * test.tolerance,
             REUSE_FACTORS_RATIO * test.reference,
         )
-        if self._is_refining or (is_near and self.system.numbering.full and iteration):
+        if self._is_refining or is_near:
             self._w_evaluated.copy(self._linearisation_point)
             return
         started = time.perf_counter()
