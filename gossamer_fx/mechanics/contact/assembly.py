@@ -185,11 +185,11 @@ class BlockAssembly:
         """Divide the 3 x 3 blocks into those on the diagonal and those off it, which are announced
         to the ranks that own their rows; collective.  `rows, columns`: block rows (b,) of each
         block, as this rank numbers them."""
-        diagonal = np.flatnonzero(rows == columns)
+        diagonal = (rows == columns).nonzero()[0]
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
         diagonal_rows = rows[self._diagonal]
         self._diagonal_csr = self._csr(diagonal_rows, diagonal_rows, self._first_dof)
-        coupling = np.flatnonzero(rows != columns)
+        coupling = (rows != columns).nonzero()[0]
         if self._comm.size > 1:
             self._send_to_owners(coupling, rows, columns)
         else:

@@ -457,7 +457,10 @@ def find_candidates(
         area=mesh.areas(pairs.kind, pairs.points, pairs.primitives),
         radius=mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point],
     )
-    return candidates.followed_by(mesh.boundary_pairs()), counts
+    # Most scenes have none.
+    if mesh.boundaries:
+        candidates = candidates.followed_by(mesh.boundary_pairs())
+    return candidates, counts
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
