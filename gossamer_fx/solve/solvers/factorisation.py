@@ -165,7 +165,7 @@ class BlockFactors:
         matrix.mult(self._solution, self._product)
         self._product.axpy(-1.0, self._right)
         # Written so that NaN counts as inaccurate.
-        return bool(self._product.norm() <= MAX_BLOCK_RESIDUAL * self._right.norm())
+        return bool(self._product.norm() <= MAX_BLOCK_RESIDUAL * self._right.getSize() ** 0.5)
 
     def _reset(self) -> None:
         """Discard factors that failed: PETSc would not try the next matrix."""
