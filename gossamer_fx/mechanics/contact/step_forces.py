@@ -184,7 +184,7 @@ class StepForces:
             state_is_known=is_known,
         )
         # Without obstacles the arrays of pairs and weights would be empty.
-        if len(self._obstacle_pairs):
+        if self._states[1].size:
             response = self._obstacle_tangents(
                 x0,
                 x1,

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -47,8 +48,14 @@ ROUND_OFF = 1e-12
 class CompiledEnclosure(Protocol):
     """An enclosed volume in a running scene, evaluated by the last `Geometry.follow`.
 
-    Arrays are the owned parts of system vectors.
+    Gradients are the owned parts of system vectors.
     """
+
+    @property
+    def pressure(self) -> Array:
+        """The pressure (1,) [Pa] of the iterate, written by the network; forces and tangents use
+        it."""
+        ...
 
     @property
     def measures(self) -> Array:
@@ -60,10 +67,6 @@ class CompiledEnclosure(Protocol):
     def start(self) -> None:
         """Take q1 as the initial state, e.g. to find the sign of the normals; the geometry is
         evaluated again afterwards."""
-        ...
-
-    def set_pressure(self, pressure: float) -> None:
-        """Set the pressure [Pa] of the iterate, which the next forces and tangents use."""
         ...
 
     def gradients(self) -> tuple[Array, Array, Array]:
@@ -245,22 +248,23 @@ class CompiledSurface:
         """Add the chamber to the surfaces of the scene, which are evaluated together."""
         self._surfaces = surfaces
         self._index = surfaces.add(sides)
+        self.gradients = partial(surfaces.gradients, self._index)
 
-    @property
+    # Made when they are first asked for: the surfaces are compiled after all chambers are added.
+
+    @cached_property
     def measures(self) -> Array:
         return self._surfaces.measures[:, self._index]
+
+    @cached_property
+    def pressure(self) -> Array:
+        return self._surfaces.pressures[self._index : self._index + 1]
 
     def start(self) -> None:
         """Choose the sign of the volume, so that a surface with inward normals encloses a positive
         one."""
         # A flat film has a volume of either sign by round-off; it must not be turned by that.
         self._surfaces.orient(self._index, ROUND_OFF * self.measures[1])
-
-    def set_pressure(self, pressure: float) -> None:
-        self._surfaces.pressures[self._index] = pressure
-
-    def gradients(self) -> tuple[Array, Array, Array]:
-        return self._surfaces.gradients(self._index)
 
 
 @check_arguments
@@ -338,7 +342,7 @@ class _CompiledPiston:
         self._gradient = np.zeros(end - start)
         np.add.at(self._gradient, indices[mine] - start, entries[mine])
         self._origin = 0.0
-        self._pressure = 0.0
+        self.pressure = np.zeros(1)
         self.measures = np.zeros(3)
 
     def start(self) -> None:
@@ -354,12 +358,9 @@ class _CompiledPiston:
         start = self._height(self._system.q0)
         self.measures[:] = (end - self._origin, abs(end) + abs(self._origin), end - start)
 
-    def set_pressure(self, pressure: float) -> None:
-        self._pressure = pressure
-
     def add_forces(self, values: Array) -> None:
         # G is constant: the tangent has no share, as the force depends on the pressure only.
-        values -= self._pressure * self._gradient
+        values -= self.pressure * self._gradient
 
     def gradients(self) -> tuple[Array, Array, Array]:
         return self._gradient, self._gradient, self._gradient

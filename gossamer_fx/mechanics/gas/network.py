@@ -277,11 +277,11 @@ class GasNetwork(ScalarUnknowns):
         self.scale = self.balance.scales(self.y, self.volumes, self._magnitude)
         self._residual = self.balance.residual(self.y, self.volumes, self.swept) / self.scale
         # The pressure that acts in the step: p̄ for the midpoint rule, p1 at the end of the step.
-        end_pressures = self.y[: len(self.chambers)]
+        end_pressures = self.y[: self._start_pressures.size]
         acting = (1 - self._alpha) * self._start_pressures + self._alpha * end_pressures
         difference = acting - self._outside_pressures
         for k, enclosure in self._enclosures.items():
-            enclosure.set_pressure(float(difference[k]))
+            enclosure.pressure[0] = difference[k]
         return self._residual
 
     def _solve_at_iterate(self, y: Array) -> Array:
@@ -522,7 +522,7 @@ class GasNetwork(ScalarUnknowns):
     def _measure(self) -> Array:
         """Volumes at the iterate, rigid parts included, sums of the sizes of the terms of those of
         enclosures, and volumes that the enclosures sweep in the step, (3, n) [m³]."""
-        measured = np.zeros((3, len(self.chambers)))
+        measured = np.zeros((3, self.volumes.size))
         measured[0] = [state.chamber.fixed_volume for state in self.chambers]
         for k, enclosure in self._enclosures.items():
             measured[:, k] += enclosure.measures

@@ -298,7 +298,7 @@ def replace(pc: PETSc.PC, A: PETSc.Mat) -> None:
     """
     before = pc.getOperators()[0]
     pc.setOperators(A)
-    if pc.getFactorSolverType() == "mumps" and A.handle != before.handle:
+    if A.handle != before.handle and pc.getFactorSolverType() == "mumps":
         # PETSc discards the factors with the old pattern; `renew` restores the workspace margin.
         renew(pc)
         pc.getFactorMatrix().setMumpsIcntl(ICNTL_ORDERING, ORDERING_BY_MINIMUM_FILL)

@@ -38,6 +38,7 @@ All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -202,6 +203,11 @@ class BorderedPreconditioner:
         self._Z = Columns.of([])
         # The kind of a preconditioner does not change.
         self._is_exact = factorisation.is_exact(sparse)
+        context = sparse.getPythonContext() if sparse.getType() == "python" else None
+        # What lets it use the factors of an earlier matrix for the next one, if it can; returns
+        # whether it does, so that the next matrix need not be summed.
+        self._keep_factors: Callable[[], bool] | None = getattr(context, "keep_factors", None)
+        self._needs_all_couplings = getattr(context, "needs_couplings", False)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._fresh_applications: int | None = None  # of the first solve with the present Z
@@ -248,9 +254,9 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if _keep_factors(self._sparse):
+        if self._keep_factors is not None and self._keep_factors():
             return
-        if self._is_exact or _needs_all_couplings(self._sparse):
+        if self._is_exact or self._needs_all_couplings:
             factorisation.replace(self._sparse, tangent.for_factorisation())
         elif self._needs_couplings:
             self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
@@ -361,20 +367,6 @@ def _choose_gmres(ksp: PETSc.KSP) -> None:
     # On the right, so that the tolerance refers to the true residual.
     ksp.setPCSide(PETSc.PC.Side.RIGHT)
     ksp.setTolerances(rtol=LINEAR_RTOL, max_it=MAX_KSP_ITERATIONS)
-
-
-def _needs_all_couplings(pc: PETSc.PC) -> bool:
-    """Whether a preconditioner takes the tangent with all couplings of contact."""
-    return pc.getType() == "python" and getattr(pc.getPythonContext(), "needs_couplings", False)
-
-
-def _keep_factors(pc: PETSc.PC) -> bool:
-    """Let a preconditioner use the factors of an earlier matrix for the next one, if it can;
-    whether it does, so that the next matrix need not be summed."""
-    if pc.getType() != "python":
-        return False
-    keep_factors = getattr(pc.getPythonContext(), "keep_factors", None)
-    return keep_factors is not None and keep_factors()
 
 
 def recover(pc: PETSc.PC) -> None:

@@ -121,6 +121,7 @@ class Newton:
         round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
             steps.
         convergence: test of convergence of the last solve.
+        ksp: PETSc's solver of the linear systems.
         stall_rule: when an iteration is given up; None: not before its last iterate.
         iterations: of the last solve, also if it failed.
         all_iterations: of all solves.
@@ -181,6 +182,7 @@ class Newton:
         self._snes = PETSc.SNES().create(system.comm)
         self._snes.setOptionsPrefix(PREFIX)
         self._snes.setType("newtonls")
+        self.ksp = self._snes.getKSP()
         self._refuse_line_search()
         self._snes.setFunction(_weak_method(self._function), self._F)
         # A linear solve that ends at its limit of iterations still gives an inexact Newton step.
@@ -232,11 +234,6 @@ class Newton:
         outer.setType("python")
         outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse, system))
         return J
-
-    @property
-    def ksp(self) -> PETSc.KSP:
-        """PETSc's solver of the linear systems."""
-        return self._snes.getKSP()
 
     # ---- a solve ---------------------------------------------------------------------------------
 

@@ -46,7 +46,7 @@ class Tangent:
         for C in self._matrices or ():
             C.destroy()
         found = [pairs.coupling_blocks() for pairs in self._active_sets]
-        self._blocks = [blocks for blocks in found if blocks is not None and len(blocks.values)]
+        self._blocks = [blocks for blocks in found if blocks is not None and blocks.values.size]
         self._matrices = None
         if None in found:
             self._blocks = []
