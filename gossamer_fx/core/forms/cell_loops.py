@@ -182,7 +182,8 @@ class PreparedFunction:
         work = self._cells.work(width)
         call = getattr(c.lib, loop)
 
-
+        # The function is kept for its arrays: cffi does not keep what members of structures in
+        # arrays point at.
         def apply(_kept: PreparedFunction = self) -> Any:
             return call(function.pointer, cells.pointer, to.pointer, work)
 

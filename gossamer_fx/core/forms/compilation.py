@@ -136,9 +136,7 @@ def compile_expression(expression: Any, points: npt.NDArray[np.floating[Any]]) -
     key.add(expression, points.shape, points.tobytes())
 
     def make(expression: Any) -> fem.Expression:
-        compiled = fem.Expression(
-            expression, points, comm=key.comm, jit_options=kernel_options()
-        )
+        compiled = fem.Expression(expression, points, comm=key.comm, jit_options=kernel_options())
         _constants[compiled] = extract_constants(expression)
         return compiled
 

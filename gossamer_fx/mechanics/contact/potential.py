@@ -239,8 +239,11 @@ class PairEvaluation:
         self._pairs = pairs
         self._is_state = acts_at_end(alpha)
         # In statics the force is the gradient at the end, whose closest points it needs.
-        self._is_start_known = pairs.start is not None and not self._is_state
-        self._start = pairs.start if self._is_start_known else np.empty((count, 4))
+        self._start: Array = np.empty((count, 4))
+        self._is_start_known = False
+        if pairs.start is not None and not self._is_state:
+            self._start = pairs.start
+            self._is_start_known = True
         self._table = _active_pairs(pairs, self._start, law)
         self._x0 = np.empty((point_count, 3))
         self._x1 = np.empty((point_count, 3))

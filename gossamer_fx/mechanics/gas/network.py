@@ -331,7 +331,8 @@ class GasNetwork(ScalarUnknowns):
         slopes = by_volumes.reshape(self.size, -1) / self.scale[:, None]
         rows = slopes @ np.array(of_volume + of_swept)
         # Zero columns are left out: the solver spends one solve on each of the others.
-        for k in slopes.any(axis=1).nonzero()[0]:
+        is_coupled: Any = slopes.any(axis=1)
+        for k in is_coupled.nonzero()[0]:
             H[k] = rows[k]
         return G, H, C
 

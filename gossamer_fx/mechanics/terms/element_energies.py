@@ -128,8 +128,9 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         for body in self._bodies:
             at = system.coordinates[body]
             b = _vector_of(at)
-            arrays[body] = b.array
-            self._vectors.append((at, system.block(body).owned, b, arrays[body]))
+            array: Any = b.array
+            arrays[body] = array
+            self._vectors.append((at, system.block(body).owned, b, array))
         self._assemble: list[Callable[[], None]] = []
         for alike in _with_one_measure(self.elements):
             _share_strains(alike)

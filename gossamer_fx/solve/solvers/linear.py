@@ -275,7 +275,7 @@ class BorderedPreconditioner:
         Collective."""
         G = self._operator.G
         column = self._operator.composite.fields
-        solved = np.empty_like(G.values)
+        solved: Any = np.empty_like(G.values)
         for values, solution in zip(G.values, solved, strict=True):
             column.array[:] = values
             self._sparse.apply(column, self._out)
