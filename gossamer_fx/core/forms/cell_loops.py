@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
-from ufl.algorithms.analysis import extract_coefficients
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from gossamer_fx.core.forms.backend import (
     Array,
@@ -30,7 +30,6 @@ from gossamer_fx.core.forms.backend import (
     values_and_rows,
 )
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
-from gossamer_fx.core.forms.compilation import constant_values
 
 # Its functions are declared in this header.
 HEADER = Path(__file__).parent / "cells.h"
@@ -67,9 +66,14 @@ def cell_function(expression: fem.Expression) -> CellFunction:
     return CellFunction(
         address=_address(compiled),
         coefficients=tuple(coefficients[position]._cpp_object for position in positions),
-        constants=constant_values(expression),
+        constants=_values(extract_constants(expression.ufl_expression)),
         owner=expression,
     )
+
+
+def _values(constants: Sequence[fem.Constant]) -> list[Array]:
+    """The arrays that hold the present values of constants."""
+    return [constant._cpp_object.value for constant in constants]
 
 
 def _address(compiled: Any) -> int:
@@ -217,7 +221,7 @@ def prepared_integral(
     function = CellFunction(
         address=_address(integral),
         coefficients=tuple(form._cpp_object.coefficients),
-        constants=constant_values(form),
+        constants=_values(form.constants),  # type: ignore[attr-defined]
         owner=form,
     )
     space: Any = form.function_spaces[0]

@@ -20,7 +20,6 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -43,10 +42,6 @@ from gossamer_fx.core.forms.backend import loaded_kernel
 # Kernels that this process has loaded, by `_KernelKey.digest`.  They contain no mesh and no
 # function.
 _kernels: dict[bytes, Any] = {}
-
-# Constants of compiled forms and expressions, in the order of their kernels: dolfinx's forms do not
-# return them.
-_constants: WeakKeyDictionary[Any, list[Any]] = WeakKeyDictionary()
 
 
 def require_compiler() -> None:
@@ -114,8 +109,9 @@ def compile_form(form: ufl.Form) -> fem.Form:
         key.add_integral(integral)
 
     def make(form: ufl.Form) -> fem.Form:
-        compiled = fem.form(form, jit_options=kernel_options())
-        _constants[compiled] = form.constants()
+        compiled: Any = fem.form(form, jit_options=kernel_options())
+        # In the order of the kernel; dolfinx has them in C++ only.
+        compiled.constants = form.constants()
         return compiled
 
     return _with_kernel(key, form, make)
@@ -136,17 +132,9 @@ def compile_expression(expression: Any, points: npt.NDArray[np.floating[Any]]) -
     key.add(expression, points.shape, points.tobytes())
 
     def make(expression: Any) -> fem.Expression:
-        compiled = fem.Expression(expression, points, comm=key.comm, jit_options=kernel_options())
-        _constants[compiled] = extract_constants(expression)
-        return compiled
+        return fem.Expression(expression, points, comm=key.comm, jit_options=kernel_options())
 
     return _with_kernel(key, expression, make)
-
-
-def constant_values(compiled: fem.Form | fem.Expression) -> list[npt.NDArray[np.float64]]:
-    """The arrays that hold the present values of the constants of a compiled form or expression, in
-    the order in which its kernel takes them."""
-    return [constant._cpp_object.value for constant in _constants[compiled]]
 
 
 class _KernelKey:

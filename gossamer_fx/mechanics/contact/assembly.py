@@ -203,11 +203,7 @@ class BlockAssembly:
         fixed = np.flatnonzero(~(of_rows.all(axis=1) & of_columns.all(axis=1)))
         free_entries = of_rows[fixed, :, None] * of_columns[fixed, None]
         self._free_entries = free_entries.reshape(-1, 9)
-        self._prepare_entries(fixed)
-
-    def _prepare_entries(self, fixed: Int64Array) -> None:
-        """Prepare to find the blocks of this rank's block rows that are not zero; `fixed` are those
-        with fixed coordinates."""
+        # Blocks of this rank's block rows, and what finds those that are not zero.
         self._own_blocks = self.blocks
         index = self._sent
         if self._comm.size > 1:

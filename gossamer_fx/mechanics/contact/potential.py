@@ -207,10 +207,10 @@ class PairEvaluation:
         point_forces: array (m, 3) [N] to which the forces are added.
         block_index, blocks: rows (n, 16) of `blocks` for each two points of a pair, and the array
             (b, 9) [N/m] to which the tangents are added.
-        by_pair, tangents_by_pair: whether the result has the forces and tangents of each pair.
+        by_pair, tangents_by_pair: whether the response has the forces and tangents of each pair.
 
     Attributes:
-        response: what the pairs did in the last call; its arrays are overwritten by the next one.
+        response: what the pairs did in the last call, in arrays that the next one overwrites.
     """
 
     def __init__(
@@ -230,6 +230,7 @@ class PairEvaluation:
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         count = len(pairs)
+        shape = (point_count, 3)
         if state is None:
             state = np.empty(count, dtype=np.uint8)
         # What is None is not computed: C gets a null pointer for it.
@@ -239,42 +240,35 @@ class PairEvaluation:
         self._pairs = pairs
         self._is_state = acts_at_end(alpha)
         # In statics the force is the gradient at the end, whose closest points it needs.
-        self._start: Array = np.empty((count, 4))
-        self._is_start_known = False
-        if pairs.start is not None and not self._is_state:
-            self._start = pairs.start
-            self._is_start_known = True
-        self._table = _active_pairs(pairs, self._start, law)
-        self._x0 = np.empty((point_count, 3))
-        self._x1 = np.empty((point_count, 3))
-        self._step = c.struct(
-            "contact_step",
-            {
-                "x0": c.array("x0", self._x0, "float64", (point_count, 3)),
-                "x1": c.array("x1", self._x1, "float64", (point_count, 3)),
-                "alpha": alpha,
-                "is_state": self._is_state,
-                "geometric_share": 1.0,
-                "push_back": PUSH_BACK,
-            },
-        )
+        self._needs_start = pairs.start is None or self._is_state
+        self._start = np.empty((count, 4)) if self._needs_start else np.asarray(pairs.start)
+        self._x0 = np.empty(shape)
+        self._x1 = np.empty(shape)
+        step = {
+            "x0": c.array("x0", self._x0, "float64", shape),
+            "x1": c.array("x1", self._x1, "float64", shape),
+            "alpha": alpha,
+            "is_state": self._is_state,
+            "geometric_share": 1.0,
+            "push_back": PUSH_BACK,
+        }
 
-        def writable(name: str, values: Array | None, shape: tuple[int, ...]) -> Any:
+        def written(name: str, values: Array | None, shape: tuple[int, ...]) -> Any:
             return c.array(name, values, "float64", shape, writable=True)
 
         block_count = 0 if blocks is None else len(blocks)
-        self._response = c.struct(
-            "contact_response",
-            {
-                "state": c.array("state", state, "uint8", (count,), writable=True),
-                "state_is_known": False,
-                "point_forces": writable("point_forces", point_forces, (point_count, 3)),
-                "block_index": c.array("block_index", block_index, "int32", (count, 16)),
-                "blocks": writable("blocks", blocks, (block_count, 9)),
-                "pair_forces": writable("forces", forces, (count, 12)),
-                "pair_tangents": writable("tangents", tangents, (count, 144)),
-            },
-        )
+        response = {
+            "state": c.array("state", state, "uint8", (count,), writable=True),
+            "state_is_known": False,
+            "point_forces": written("point_forces", point_forces, shape),
+            "block_index": c.array("block_index", block_index, "int32", (count, 16)),
+            "blocks": written("blocks", blocks, (block_count, 9)),
+            "pair_forces": written("forces", forces, (count, 12)),
+            "pair_tangents": written("tangents", tangents, (count, 144)),
+        }
+        self._table = _active_pairs(pairs, self._start, law)
+        self._step = c.struct("contact_step", step)
+        self._response = c.struct("contact_response", response)
         self._evaluate = c.lib.evaluate_pairs
 
     def __call__(
@@ -282,31 +276,29 @@ class PairEvaluation:
         x0: Array,
         x1: Array,
         *,
-        geometric_share: float = 1.0,
         push_back: float = PUSH_BACK,
-        state_is_known: bool = False,
+        geometric_share: float = 1.0,
+        is_known: bool = False,
     ) -> PairResponse:
         """Compute what is wanted in a step from points x0 to x1 (m, 3) [m].
 
-        Args:
-            geometric_share: share [-] of the geometric stiffness in tangents, which may make them
-                indefinite.
-            push_back: stiffness of pairs that passed through, over their own [-]; zero for a step
-                that was accepted, whose pairs are then treated alike in both directions of time.
-            state_is_known: whether the array of states has those of an earlier call for this step.
+        `push_back`: stiffness of pairs that passed through, over their own [-]; zero for a step
+        that was accepted, whose pairs are then treated alike in both directions of time.
+        `geometric_share`: of the geometric stiffness in tangents [-], which may make them
+        indefinite.  `is_known`: whether states are those of an earlier call for this step.
         """
         # Most contacts have no obstacles, or touch none of them.
         if not self.response.state.size:
             return self.response
         self._x0[:] = x0
         self._x1[:] = x1
-        if not self._is_start_known:
+        if self._needs_start:
             base = self._x1 if self._is_state else self._x0
             self._start[:] = pair_starts(self._pairs, base, *closest_points(self._pairs, base))
         step = self._step.pointer
         step.geometric_share = geometric_share
         step.push_back = push_back
-        self._response.pointer.state_is_known = state_is_known
+        self._response.pointer.state_is_known = is_known
         self._evaluate(self._table.pointer, step, self._response.pointer)
         return self.response
 
@@ -318,21 +310,14 @@ def evaluate(
     law: ContactLaw,
     alpha: float,
     *,
-    geometric_share: float = 1.0,
     push_back: float = PUSH_BACK,
     known_state: ByteArray | None = None,
     **wanted: Any,
 ) -> PairResponse:
-    """Compute forces and tangents of n contact pairs once, as `PairEvaluation` does; `known_state`
-    (n,) is that of an earlier call for the same step."""
+    """Compute forces and tangents of contact pairs once, see `PairEvaluation`; `known_state` (n,)
+    is that of an earlier call for the same step."""
     evaluation = PairEvaluation(pairs, len(x0), law, alpha, state=known_state, **wanted)
-    return evaluation(
-        x0,
-        x1,
-        geometric_share=geometric_share,
-        push_back=push_back,
-        state_is_known=known_state is not None,
-    )
+    return evaluation(x0, x1, push_back=push_back, is_known=known_state is not None)
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:

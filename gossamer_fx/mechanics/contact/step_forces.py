@@ -11,7 +11,8 @@ The pairs are divided into two tables, since their tangents are assembled in two
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -136,26 +137,20 @@ class StepForces:
         if len(self.point_forces) != count:
             self.clear()
         self._last_end = None
-        law = self._law
-        alpha = self._alpha
-        self._forces = [
-            PairEvaluation(pairs, count, law, alpha, point_forces=self.point_forces)
-            for pairs in (self._body_pairs, self._obstacle_pairs)
-        ]
-        # What each pair does at the last residual, for the tangents, too
+        of_bodies: dict[str, Any] = {"block_index": self._body_blocks, "blocks": self.assembly.blocks}
+        of_obstacles: dict[str, Any] = {"tangents_by_pair": True}
+        self._forces: list[PairEvaluation] = []
+        self._tangents: list[PairEvaluation] = []
+        for pairs, wanted in (
+            (self._body_pairs, of_bodies),
+            (self._obstacle_pairs, of_obstacles),
+        ):
+            of_pairs = partial(PairEvaluation, pairs, count, self._law, self._alpha)
+            forces = of_pairs(point_forces=self.point_forces)
+            self._forces.append(forces)
+            self._tangents.append(of_pairs(state=forces.response.state, **wanted))
+        # What each pair does at the last residual, which tangents need, too
         self._states = [forces.response.state for forces in self._forces]
-        self._body_tangents = PairEvaluation(
-            self._body_pairs,
-            count,
-            law,
-            alpha,
-            state=self._states[0],
-            block_index=self._body_blocks,
-            blocks=self.assembly.blocks,
-        )
-        self._obstacle_tangents = PairEvaluation(
-            self._obstacle_pairs, count, law, alpha, state=self._states[1], tangents_by_pair=True
-        )
 
     def compute(self, x0: Array, x1: Array) -> None:
         """Compute the forces of this rank's pairs, with friction, and note what each pair does.
@@ -175,24 +170,17 @@ class StepForces:
         blocks[:] = 0
         # Pairs without contact at the last residual have no tangent either.
         is_known = self._knows_states_at(x1)
-        geometric = self._system.geometric
-        self._body_tangents(
-            x0,
-            x1,
-            geometric_share=geometric,
-            push_back=self.push_back,
-            state_is_known=is_known,
-        )
-        # Without obstacles the arrays of pairs and weights would be empty.
-        if self._states[1].size:
-            response = self._obstacle_tangents(
+        for tangents in self._tangents:
+            tangents(
                 x0,
                 x1,
-                geometric_share=geometric,
                 push_back=self.push_back,
-                state_is_known=is_known,
+                geometric_share=self._system.geometric,
+                is_known=is_known,
             )
-            self._add_through_block_rows(np.asarray(response.tangents))
+        # Without obstacles the arrays of pairs and weights would be empty.
+        if self._states[1].size:
+            self._add_through_block_rows(np.asarray(self._tangents[1].response.tangents))
         self._last_end = x1
         if self.friction is not None and not self._is_reversed:
             self.friction.add_tangents(x0, x1, blocks)

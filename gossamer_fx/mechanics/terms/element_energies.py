@@ -123,14 +123,13 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         self._forms: list[ElementForms] = []
         # One vector for each body, its array, and what assembles all of its terms to it.
         self._bodies = dict.fromkeys(term.body for term in terms)
-        arrays: dict[Body, Array] = {}
+        arrays: dict[Body, Any] = {}
         self._vectors: list[tuple[Coordinates, slice, la.Vector, Array]] = []
         for body in self._bodies:
             at = system.coordinates[body]
             b = _vector_of(at)
-            array: Any = b.array
-            arrays[body] = array
-            self._vectors.append((at, system.block(body).owned, b, array))
+            arrays[body] = b.array
+            self._vectors.append((at, system.block(body).owned, b, arrays[body]))
         self._assemble: list[Callable[[], None]] = []
         for alike in _with_one_measure(self.elements):
             _share_strains(alike)

@@ -13,8 +13,7 @@ static inline double larger(double a, double b) { return a > b ? a : b; }
 /* Take the present values of all constants, such as moduli. */
 static void read_all_constants(const point_law *law)
 {
-    for (ptrdiff_t k = 0; k < law->response_count; k++) read_constants(law->responses + k);
-    if (law->sort != NULL) read_constants(law->sort);
+    for (ptrdiff_t k = 0; k < law->function_count; k++) read_constants(law->responses + k);
 }
 
 /* The number of the cheapest response that serves all points of a cell. */

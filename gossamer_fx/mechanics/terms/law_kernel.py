@@ -258,7 +258,7 @@ class PointLaw:
             "point_count": self._values.rows.shape[1],
             "strain_size": self._values.strain.shape[1],
             "responses": functions,
-            "response_count": len(self._functions.responses),
+            "function_count": len(functions),
             "sort": sort,
             "strain": self._strain.fields(self._c),
             "response": response.fields(self._c),

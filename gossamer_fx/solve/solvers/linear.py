@@ -39,7 +39,6 @@ All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -132,21 +131,15 @@ class Composite:
         return self.fields, y
 
 
-@dataclass(frozen=True, eq=False)
 class Columns:
-    """The columns (n,) of a matrix (n, m) of which some are zero; n counts the unknowns of this
-    rank.  `count` is m, `nonzero` has the indices of the k columns that are not zero, and `values`
-    (k, n) these columns as rows."""
+    """The columns (n,) of a matrix (n, m) of which some are zero, given as None; n counts the
+    unknowns of this rank.  `count` is m, `nonzero` has the indices of the k columns that are not
+    zero, and `values` (k, n) these columns as rows."""
 
-    count: int
-    nonzero: list[int]
-    values: Array
-
-    @classmethod
-    def of(cls, columns: list[Array | None]) -> Columns:
-        """Take the columns (n,), None: zero."""
-        nonzero = [k for k, column in enumerate(columns) if column is not None]
-        return cls(len(columns), nonzero, np.array([columns[k] for k in nonzero]))
+    def __init__(self, columns: list[Array | None]) -> None:
+        self.count = len(columns)
+        self.nonzero = [k for k, column in enumerate(columns) if column is not None]
+        self.values: Array = np.array([columns[k] for k in self.nonzero])
 
     def products(self, z: Array) -> Array:
         """Product (m,) of each column with z (n,), or products (m, k) with k vectors z (k, n)."""
@@ -172,8 +165,8 @@ class Bordered:
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
         """Set G and H, by this rank's parts (n,) of their columns (None: zero), and C (m, m)."""
-        self.G = Columns.of(G)
-        self.H = Columns.of(H)
+        self.G = Columns(G)
+        self.H = Columns(H)
         self.C = C
 
     def rows(self, z: Array) -> Array:
@@ -200,7 +193,7 @@ class BorderedPreconditioner:
         self._sparse = sparse
         self._system = system
         self._out = operator.composite.fields.duplicate()
-        self._Z = Columns.of([])
+        self._Z = Columns([])
         # The kind of a preconditioner does not change.
         self._is_exact = factorisation.is_exact(sparse)
         context = sparse.getPythonContext() if sparse.getType() == "python" else None
@@ -273,14 +266,14 @@ class BorderedPreconditioner:
     def _solve_columns(self) -> None:
         """Compute Z = P⁻¹ G for the columns G (n, m) of the scalar unknowns that are not zero.
         Collective."""
-        G = self._operator.G
-        column = self._operator.composite.fields
-        solved: Any = np.empty_like(G.values)
-        for values, solution in zip(G.values, solved, strict=True):
-            column.array[:] = values
+        operator = self._operator
+        column = operator.composite.fields
+        solved: list[Array | None] = [None] * operator.G.count
+        for k, values_of_column in zip(operator.G.nonzero, operator.G.values, strict=True):
+            column.array[:] = values_of_column
             self._sparse.apply(column, self._out)
-            solution[:] = self._out.array_r
-        self._Z = Columns(G.count, G.nonzero, solved)
+            solved[k] = self._out.array_r.copy()
+        self._Z = Columns(solved)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (δz, δy) for residuals x = (r, s) by block elimination; called by PETSc.
