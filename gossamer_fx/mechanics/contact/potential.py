@@ -58,7 +58,7 @@ Trans. Graph. 39 (2020) 49, doi:10.1145/3386569.3392425.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum
 from typing import Any
 
@@ -90,21 +90,6 @@ class PairState(IntEnum):
     NO_CONTACT = 0
     TOUCHES = 1
     PASSED = 2
-
-
-@dataclass
-class PairResponse:
-    """What n pairs do in a step.
-
-    Attributes:
-        state: of each pair (n,), a `PairState`.
-        forces: on the four points of each pair (n, 12) [N], or None.
-        tangents: their derivatives (n, 144) [N/m] by the end of the step, or None.
-    """
-
-    state: ByteArray
-    forces: Array | None = None
-    tangents: Array | None = None
 
 
 def activate(
@@ -207,10 +192,12 @@ class PairEvaluation:
         point_forces: array (m, 3) [N] to which the forces are added.
         block_index, blocks: rows (n, 16) of `blocks` for each two points of a pair, and the array
             (b, 9) [N/m] to which the tangents are added.
-        by_pair, tangents_by_pair: whether the response has the forces and tangents of each pair.
+        by_pair, tangents_by_pair: whether forces and tangents of each pair are wanted.
 
     Attributes:
-        response: what the pairs did in the last call, in arrays that the next one overwrites.
+        state: of each pair (n,), a `PairState`; each call overwrites this array and the next ones.
+        forces: on the four points of each pair (n, 12) [N], or None.
+        tangents: their derivatives (n, 144) [N/m] by the end of the step, or None.
     """
 
     def __init__(
@@ -231,12 +218,10 @@ class PairEvaluation:
         c = library()
         count = len(pairs)
         shape = (point_count, 3)
-        if state is None:
-            state = np.empty(count, dtype=np.uint8)
+        self.state = np.empty(count, dtype=np.uint8) if state is None else state
         # What is None is not computed: C gets a null pointer for it.
-        forces = np.empty((count, 12)) if by_pair else None
-        tangents = np.empty((count, 144)) if tangents_by_pair else None
-        self.response = PairResponse(state, forces, tangents)
+        self.forces = np.empty((count, 12)) if by_pair else None
+        self.tangents = np.empty((count, 144)) if tangents_by_pair else None
         self._pairs = pairs
         self._is_state = acts_at_end(alpha)
         # In statics the force is the gradient at the end, whose closest points it needs.
@@ -258,13 +243,13 @@ class PairEvaluation:
 
         block_count = 0 if blocks is None else len(blocks)
         response = {
-            "state": c.array("state", state, "uint8", (count,), writable=True),
+            "state": c.array("state", self.state, "uint8", (count,), writable=True),
             "state_is_known": False,
             "point_forces": written("point_forces", point_forces, shape),
             "block_index": c.array("block_index", block_index, "int32", (count, 16)),
             "blocks": written("blocks", blocks, (block_count, 9)),
-            "pair_forces": written("forces", forces, (count, 12)),
-            "pair_tangents": written("tangents", tangents, (count, 144)),
+            "pair_forces": written("forces", self.forces, (count, 12)),
+            "pair_tangents": written("tangents", self.tangents, (count, 144)),
         }
         self._table = _active_pairs(pairs, self._start, law)
         self._step = c.struct("contact_step", step)
@@ -279,7 +264,7 @@ class PairEvaluation:
         push_back: float = PUSH_BACK,
         geometric_share: float = 1.0,
         is_known: bool = False,
-    ) -> PairResponse:
+    ) -> None:
         """Compute what is wanted in a step from points x0 to x1 (m, 3) [m].
 
         `push_back`: stiffness of pairs that passed through, over their own [-]; zero for a step
@@ -288,8 +273,8 @@ class PairEvaluation:
         indefinite.  `is_known`: whether states are those of an earlier call for this step.
         """
         # Most contacts have no obstacles, or touch none of them.
-        if not self.response.state.size:
-            return self.response
+        if not self.state.size:
+            return
         self._x0[:] = x0
         self._x1[:] = x1
         if self._needs_start:
@@ -300,7 +285,6 @@ class PairEvaluation:
         step.push_back = push_back
         self._response.pointer.state_is_known = is_known
         self._evaluate(self._table.pointer, step, self._response.pointer)
-        return self.response
 
 
 def evaluate(
@@ -313,11 +297,12 @@ def evaluate(
     push_back: float = PUSH_BACK,
     known_state: ByteArray | None = None,
     **wanted: Any,
-) -> PairResponse:
+) -> PairEvaluation:
     """Compute forces and tangents of contact pairs once, see `PairEvaluation`; `known_state` (n,)
     is that of an earlier call for the same step."""
     evaluation = PairEvaluation(pairs, len(x0), law, alpha, state=known_state, **wanted)
-    return evaluation(x0, x1, push_back=push_back, is_known=known_state is not None)
+    evaluation(x0, x1, push_back=push_back, is_known=known_state is not None)
+    return evaluation
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:

@@ -137,20 +137,19 @@ class StepForces:
         if len(self.point_forces) != count:
             self.clear()
         self._last_end = None
-        of_bodies: dict[str, Any] = {"block_index": self._body_blocks, "blocks": self.assembly.blocks}
+        blocks = self.assembly.blocks
+        of_bodies: dict[str, Any] = {"block_index": self._body_blocks, "blocks": blocks}
         of_obstacles: dict[str, Any] = {"tangents_by_pair": True}
         self._forces: list[PairEvaluation] = []
         self._tangents: list[PairEvaluation] = []
-        for pairs, wanted in (
-            (self._body_pairs, of_bodies),
-            (self._obstacle_pairs, of_obstacles),
-        ):
+        kinds = ((self._body_pairs, of_bodies), (self._obstacle_pairs, of_obstacles))
+        for pairs, wanted in kinds:
             of_pairs = partial(PairEvaluation, pairs, count, self._law, self._alpha)
             forces = of_pairs(point_forces=self.point_forces)
             self._forces.append(forces)
-            self._tangents.append(of_pairs(state=forces.response.state, **wanted))
+            self._tangents.append(of_pairs(state=forces.state, **wanted))
         # What each pair does at the last residual, which tangents need, too
-        self._states = [forces.response.state for forces in self._forces]
+        self._states = [forces.state for forces in self._forces]
 
     def compute(self, x0: Array, x1: Array) -> None:
         """Compute the forces of this rank's pairs, with friction, and note what each pair does.
@@ -180,7 +179,7 @@ class StepForces:
             )
         # Without obstacles the arrays of pairs and weights would be empty.
         if self._states[1].size:
-            self._add_through_block_rows(np.asarray(self._tangents[1].response.tangents))
+            self._add_through_block_rows(np.asarray(self._tangents[1].tangents))
         self._last_end = x1
         if self.friction is not None and not self._is_reversed:
             self.friction.add_tangents(x0, x1, blocks)

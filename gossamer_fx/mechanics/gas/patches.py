@@ -47,7 +47,6 @@ from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Assembly
-from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
 HEADER = Path(__file__).parent / "patches.h"
 
@@ -82,44 +81,16 @@ class Triangles:
 Side = tuple[Patches | Triangles, float]
 
 
-class FilmForms:
-    """The forms of a film that bounds chambers, which all of them share.
-
-    Attributes:
-        factor: of all forms, a function with one number in each triangle, in place of which those
-            of a triangle's chamber are taken.
-        at_end, at_mid: linear forms, (1) at q1 and at q̄; one form where forces act at q1.
-        tangent: bilinear form, the derivative of the negative of (1) at q̄ by q1.
-    """
-
-    def __init__(self, film: Membrane, at: Coordinates, acts_at_end: bool) -> None:
-        """Compile the forms on the whole film.  Collective."""
-        # Degree of (1): 2 (order - 1) of the area vector, order of w.
-        degree = 2 * (film.order - 1) + film.order
-        dx = ufl.Measure("dx", film.mesh.domain, metadata={"quadrature_degree": degree})
-        self.factor = fem.Function(fem.functionspace(film.mesh.domain, ("DG", 0)))
-
-        def flux(x: Any) -> Any:
-            """The form (1) at positions x on the film."""
-            return self.factor * ufl.dot(area_vector(film.deformation(x)), at.w) * dx
-
-        self.at_end = compile_form(flux(at.q1))
-        self.at_mid = self.at_end
-        if not acts_at_end:
-            self.at_mid = compile_form(flux(at.mid))
-        self.tangent = compile_form(ufl.derivative(-flux(at.mid), at.q1, at.dq))
-
-
 @dataclass(frozen=True, eq=False)
 class FilmParts:
-    """The triangles of a film at all chambers, with what adds the values of `FilmForms` there to
-    the arrays of all surfaces.
+    """The triangles of a film at all chambers, in p parts with the `chambers` (p,) and the `signs`
+    (p,) of `Side`, and what adds the values of their forms to the arrays of all surfaces.
 
     Attributes:
-        factors: of the forms, (p, 1) for p parts: the sign of the normals, in the tangent times the
-            pressure [Pa].
-        chambers: number of the chamber of each part (p,).
-        signs: as in `Side`, (p,).
+        factors: of the forms, (p, 1): the sign of the normals, in the tangent times the pressure
+            [Pa].
+        add_at_end, add_at_mid: of linear forms, (1) at q1 and at q̄.
+        add_tangent: of a bilinear form, the derivative of the negative of (1) at q̄ by q1.
     """
 
     factors: Array
@@ -279,20 +250,32 @@ class ChamberSurfaces:
         """Return the parts of a film with what evaluates them.  Collective."""
         system = self._system
         chambers, signs, cells, unknowns, entries = zip(*parts, strict=True)
-        form = FilmForms(film, system.coordinates[film], system.rule.acts_at_end)
+        at = system.coordinates[film]
+        # One number in each triangle, in place of which that of the triangle's part is taken.
+        factor = fem.Function(fem.functionspace(film.mesh.domain, ("DG", 0)))
+        # Degree of (1): 2 (order - 1) of the area vector, order of w.
+        degree = 2 * (film.order - 1) + film.order
+        dx = ufl.Measure("dx", film.mesh.domain, metadata={"quadrature_degree": degree})
+
+        def flux(x: Any) -> Any:
+            """The form (1) at positions x on the film."""
+            return factor * ufl.dot(area_vector(film.deformation(x)), at.w) * dx
+
+        acting = at.q1 if system.rule.acts_at_end else at.mid
         factors = np.ones((len(parts), 1))
         # Of each triangle: the row of its factor, and those of its nodes in gradients.
         counts = [len(some) for some in cells]
         part = np.repeat(np.arange(len(parts), dtype=np.int32), counts)[:, None]
-        in_place_of = {form.factor._cpp_object: CellValues(factors, part)}
+        in_place_of = {factor._cpp_object: CellValues(factors, part)}
         chamber_of = np.array(chambers)
         first = (chamber_of[part] * len(self._end)).astype(np.int32)
         rows = np.concatenate(unknowns) + first[:, :, None]
 
-        def adding(form: fem.Form, values: Array, rows: Any) -> Callable[[], Any]:
+        def adding(form: ufl.Form, values: Array, rows: Any) -> Callable[[], Any]:
             """Return what adds the numbers that a form has in each triangle to those of an array at
             the rows of a triangle."""
-            prepared = prepared_integral(form, np.concatenate(cells), in_place_of)
+            compiled = compile_form(form)
+            prepared = prepared_integral(compiled, np.concatenate(cells), in_place_of)
             assert prepared is not None
             function, where, _ = prepared
             flat = rows.reshape(len(part), int(np.prod(rows.shape[1:])))
@@ -303,9 +286,11 @@ class ChamberSurfaces:
             factors,
             chamber_of,
             np.array(signs),
-            adding(form.at_end, self._at_end, rows),
-            adding(form.at_mid, self._at_mid, rows),
-            adding(form.tangent, self._blocks, np.concatenate(entries)),
+            adding(flux(at.q1), self._at_end, rows),
+            adding(flux(acting), self._at_mid, rows),
+            adding(
+                ufl.derivative(-flux(at.mid), at.q1, at.dq), self._blocks, np.concatenate(entries)
+            ),
         )
 
     def _surfaces_for_kernel(self) -> CStruct:

@@ -122,10 +122,9 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         self.elements: list[ElementForces] = [*self._stored, *self._viscous]
         self._forms: list[ElementForms] = []
         # One vector for each body, its array, and what assembles all of its terms to it.
-        self._bodies = dict.fromkeys(term.body for term in terms)
         arrays: dict[Body, Any] = {}
         self._vectors: list[tuple[Coordinates, slice, la.Vector, Array]] = []
-        for body in self._bodies:
+        for body in dict.fromkeys(term.body for term in terms):
             at = system.coordinates[body]
             b = _vector_of(at)
             arrays[body] = b.array
@@ -146,8 +145,8 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         return ViscousForces(term, at, rule)
 
     def begin_step(self, t: float) -> None:
-        for body in self._bodies:
-            self._system.coordinates[body].h.value = self._system.h
+        for at, _, _, _ in self._vectors:
+            at.h.value = self._system.h
         for force in self._stored:
             force.begin_step(self._system.time + self._system.h)
 
