@@ -257,3 +257,18 @@ def test_a_screw_on_its_axis() -> None:
     # The angle is about 0.025 rad; directors turn with an error of h².
     assert math.acos((np.trace(R) - 1) / 2) == pytest.approx(0.06 * 0.5**2 / 2 / 0.3, rel=1e-5)
     assert R @ axis == pytest.approx(axis, abs=1e-9)
+
+
+@pytest.mark.mpi
+def test_a_gap_at_the_start_is_closed_before_the_first_step() -> None:
+    """A point of eight digits is 3e-9 m away from that of the other body: the first step of 1 µs
+    would close the gap with 7 mm/s, and all others would go on with that."""
+    one = body("one")
+    other = body("other", (1.0, 0.0, 0.0))
+    ports = one.port((0.33333333, 0.0, 0.0)), other.port((1 / 3 - 1, 0.0, 0.0))
+    joint = gx.constraints.BallJoint(*ports)
+    run = run_until(4e-6, one, other, joint, dt=1e-6)
+    assert run.totals.kinetic < 1e-25
+    ends = [gx.probes.Position(port, "x")(run) for port in ports]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-15)
+    assert ends[0] == pytest.approx(1 / 3, abs=4e-9)

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.methods import latched_boom
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 Z = (0.0, 0.0, 1.0)
@@ -76,6 +77,23 @@ def test_a_restart_knows_whether_it_is_latched(folder: Path, stop: float) -> Non
     assert run.totals.losses == pytest.approx(first.totals.losses, rel=1e-9)
     assert run.system.q0.array_r == pytest.approx(first.system.q0.array_r, abs=1e-9)
     assert abs(run.energy_error) < 1e-13
+
+
+@pytest.mark.mpi
+def test_a_latch_holds_where_another_scene_starts() -> None:
+    """The moment that has closed it opens the hinge no further."""
+    one = bar("one")
+    other = bar("other")
+    hinge = gx.constraints.RevoluteJoint(one.frame(), other.frame(), axis=Z)
+    latch = gx.constraints.Latch(hinge)
+    items = [latch, gx.loads.Torque(other.frame(), (0.0, 0.0, 1.0))]
+    event = gx.When(latch.position, 0.5, then=latch.engage, stop=True)
+    before = gx.Simulation(gx.Scene(*items), gx.Midpoint(0.01), events=[event])
+    before.run(until=3.0)
+    after = run_until(0.1, *items, gx.StartFrom(before.system), dt=0.01)
+    assert latch.is_engaged(after)
+    # The other scene had turned as a whole: angles count from the bodies as they were made.
+    assert latch.position(after) == pytest.approx(latch.position(before), abs=1e-12)
 
 
 def test_a_tumbling_pair_keeps_both_momenta() -> None:

@@ -24,6 +24,17 @@ def test_a_port_snaps_to_the_nearest_node(comm) -> None:
     np.testing.assert_allclose(state.vector(middle), (0.25, 0.25, 0), atol=1e-12)
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_a_port_is_on_the_mesh_to_a_millionth_of_its_size(comm, size) -> None:
+    film = gx.Membrane(sheet(comm, 4, 4, size, size), LINEAR)
+    port = film.port_at((0.3 * size, 0.6 * size, 1e-7 * size))
+    x = gx.Scene(film).compile().state.vector(port)
+    np.testing.assert_allclose(x, (0.3 * size, 0.6 * size, 0), atol=1e-12 * size)
+    with pytest.raises(gx.InputError, match="away from 'film'"):
+        film.port_at((0.3 * size, 0.6 * size, 1e-5 * size))
+
+
 @pytest.mark.mpi(1)
 @pytest.mark.parametrize("in_time", [False, True])
 def test_a_force_on_each_node_of_a_group_is_that_on_its_ports(comm, in_time) -> None:

@@ -9,9 +9,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from tests.small_scenes import LINEAR, run_until
+from tests.small_scenes import LINEAR, at_rest, run_until
 
 COMM = MPI.COMM_WORLD
 TIP = (0.0, 1.0, 0.0)
@@ -136,3 +137,54 @@ def test_two_starts_are_refused(comm):
     system = gx.Scene(mass).compile()
     with pytest.raises(gx.InputError, match="several StartFrom"):
         gx.Scene(mass, gx.StartFrom(system, name="first"), gx.StartFrom(system, name="second"))
+
+
+@pytest.mark.mpi
+def test_a_film_on_the_ground_stays_in_contact() -> None:
+    """Without the pairs that carry it, it would fall until it touches again."""
+    film = gx.Membrane(sheet(COMM, 3, 3, 0.1, 0.1), LINEAR, name="film")
+    distance = 2e-3
+    ground = gx.contact.Plane(point=(0.0, 0.0, -0.9 * distance), normal=(0.0, 0.0, 1.0))
+    items = [gx.Contact(film, ground, distance=distance), gx.Gravity(film, (0.0, 0.0, -9.81))]
+    search = gx.analysis.Continuation(tolerance=1e-9)
+    before = at_rest(*items, search=search).system
+    run = run_until(0.02, *items, gx.StartFrom(before), dt=1e-3)
+    moved = run.system.state[film].positions() - before.state[film].positions()
+    # A free fall over 0.02 s is 2 mm.
+    assert np.abs(moved).max(initial=0.0) < 1e-5 * distance
+    assert run.first.stored["contact"] == pytest.approx(before.totals().stored["contact"])
+
+
+@pytest.mark.mpi
+def test_a_crease_keeps_the_rest_angle_to_which_it_yielded() -> None:
+    """A fold of 1.4 rad that yields from 0.4 rad on is at rest at 1 rad, from 0.6 rad on as if it
+    began there."""
+
+    def folded(X: Array) -> Array:
+        return np.array([(np.cos(0.7) - 1) * X[0], 0 * X[1], np.sin(0.7) * abs(X[0])])
+
+    film = gx.Membrane(creased_strip(COMM, 2, 1, 0.02, 0.03), LINEAR, displacement=folded)
+    crease = gx.connectors.Crease(film, "crease", stiffness=1.0, yield_angle=0.4)
+    before = at_rest(film, crease, gx.Fixed(film, "crease")).system
+    after = gx.Scene(film, crease, gx.StartFrom(before)).compile()
+    angle = gx.probes.FoldAngle(crease)
+    assert angle.of(before) == pytest.approx(1.0, abs=1e-4)
+    # The energy would be ½ 0.4² times 1 N m/m/rad and 0.03 m.
+    assert after.totals().stored["crease"] < 1e-6 * 0.4**2 / 2 * 0.03
+
+
+@pytest.mark.mpi
+def test_a_piston_has_displaced_its_volume() -> None:
+    mass = gx.PointMass(0.5, comm=COMM)
+    chamber = gx.Chamber(
+        gx.gas.Piston(mass.port(), 0.01, direction=(1.0, 0.0, 0.0)),
+        gas=gx.IdealGas(gamma=1.4, R=287.05),
+        pressure=1e5,
+        temperature=300.0,
+        dead_volume=2e-3,
+        name="chamber",
+    )
+    moved = gx.PointMass(0.5, (0.1, 0.0, 0.0), comm=COMM)
+    start = gx.StartFrom(gx.Scene(moved).compile())
+    gas = gx.Scene(mass, chamber, start).compile().chamber("chamber")
+    assert gas.volume == pytest.approx(2e-3 + 0.01 * 0.1, rel=1e-14)

@@ -97,8 +97,8 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     assert run.totals.dissipated == sum(lost.values()) and abs(run.energy_error) < 1e-12
     COMM.barrier()
     row = list(csv.DictReader((folder / "ledger.csv").open(encoding="utf-8")))[-1]
-    assert [float(row[f"dissipated {name}"]) for name in lost] == list(lost.values())
-    assert float(row["dissipated"]) == run.totals.dissipated
+    assert [float(row[f"dissipated {name} [J]"]) for name in lost] == list(lost.values())
+    assert float(row["dissipated [J]"]) == run.totals.dissipated
 
 
 def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:

@@ -118,7 +118,10 @@ def test_disc_that_spins_freely(comm):
 
 
 def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
-    """A mass on equal springs: λ² + ω0² ± 2iΩλ = 0, so ω = √(Ω² + ω0²) ± Ω; across the plane ω0."""
+    """A mass on equal springs, seen from axes that turn: ω = ω0 ± Ω, and ω0 along the axis.
+
+    Without its centrifugal force it is refused, as with that of another spin.
+    """
     mass = 2.0
     k = 50.0
     Ω = 3.0
@@ -128,12 +131,16 @@ def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
         gx.connectors.AxialSpring(point.port(), k, direction=axis, name=f"spring {axis}")
         for axis in axes
     ]
-    equilibrium = at_rest(point, *springs)
+    spin = (0.0, 0.0, Ω)
+    equilibrium = at_rest(point, *springs, Centrifugal(point, spin))
     ω0 = (k / mass) ** 0.5
-    found = modes(equilibrium, 3, spin=(0.0, 0.0, Ω))
-    root = (Ω**2 + ω0**2) ** 0.5
+    found = modes(equilibrium, 3, spin=spin)
     measured = [2 * np.pi * mode.frequency for mode in found]
-    assert measured == pytest.approx([root - Ω, ω0, root + Ω], rel=1e-8)
+    assert measured == pytest.approx([ω0 - Ω, ω0, ω0 + Ω], rel=1e-8)
+    with pytest.raises(gx.InputError, match=r"forces are \[\(0.0, 0.0, 3.0\)\]"):
+        modes(equilibrium, 3, spin=(0.0, Ω, 0.0))
+    with pytest.raises(gx.InputError, match="forces are none"):
+        modes(at_rest(point, *springs), 3, spin=spin)
 
 
 def test_coriolis_matrix_of_a_film(comm):
@@ -171,9 +178,7 @@ def test_a_mass_on_a_gas_spring(comm):
         gx.connectors.AxialSpring(piston.port(), k, direction=axis, name=f"spring {axis}")
         for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     ]
-    scene = gx.Scene(piston, gas, *across)
-    equilibrium = Equilibrium(scene)
-    equilibrium.find()
+    equilibrium = at_rest(piston, gas, *across)
     found = modes(equilibrium, 3)
     exact = [
         (k / mass) ** 0.5,
@@ -182,8 +187,10 @@ def test_a_mass_on_a_gas_spring(comm):
     ]
     assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx(exact, rel=1e-9)
     assert found[2].effective_mass == pytest.approx([0.0, 0.0, mass], abs=1e-9)
+    spin = (0.0, 0.0, 1.0)
+    turning = at_rest(piston, gas, *across, Centrifugal(piston, spin))
     with pytest.raises(gx.InputError, match="in a turning frame"):
-        modes(equilibrium, 1, spin=(0.0, 0.0, 1.0))
+        modes(turning, 1, spin=spin)
 
 
 def test_a_drum_over_closed_air(comm):

@@ -235,3 +235,25 @@ def test_what_cannot_be_one_piece_is_refused(comm):
     ):
         with pytest.raises(gx.InputError, match=words):
             act()
+
+
+@pytest.mark.mpi
+def test_a_region_follows_the_fold_map(comm: MPI.Comm) -> None:
+    """The piece of the free end of a zigzag is at its nodes; a scene that starts from another one
+    has it there without the map.  A group across the fold is refused."""
+    folds = gx.fold.Zigzag(length=1.0, panels=3, angle=1.0)
+    mesh = folds.mark(sheet(comm, 6, 2, 1.0, 0.5))
+    film = gx.Membrane(mesh, gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-4))
+    for sliding in (False, True):
+        end = gx.RigidRegion(film, "right", sliding=sliding)
+        folded = gx.Scene(film, end, folds.start(film)).compile()
+        for scene in (folded, gx.Scene(film, end, gx.StartFrom(folded)).compile()):
+            assert scene.state.vector(end.port())[0] == pytest.approx(np.cos(1.0), rel=1e-12)
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
+    for region, message in (
+        (gx.RigidRegion(film, "top"), "is folded at the start"),
+        (gx.RigidRegion(film, "right", rigid_body=hub), "use those of 'hub'"),
+    ):
+        region.port()
+        with pytest.raises(gx.InputError, match=message):
+            gx.Scene(film, region, folds.start(film)).compile()

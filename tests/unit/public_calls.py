@@ -311,7 +311,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Orifice", a=tank, b=gx.gas.Ambient(), area=1e-6)
     add("orbit.Optics")
     add("orbit.Sunlight", body=film, direction=z, groups={"film": gx.orbit.Optics()})
-    add("orbit.Orbit", start=gx.orbit.Elements(7e6), sun=z, mu=1e14)
+    add("orbit.Orbit", start=gx.orbit.Elements(7e6), sun=z, mu=1e14, radius=3e6)
     add("probes.OrbitState", orbit=orbit, quantity="a")
     add("steppers.PathAverage")
     add("steppers.VariationalMidpoint", dt=1e-3)

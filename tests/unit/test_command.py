@@ -12,8 +12,11 @@ from pathlib import Path
 
 import pytest
 
+import gossamer_fx as gx
 from gossamer_fx.app.cli import demo, doctor, launch
+from gossamer_fx.app.cli.command import main
 from gossamer_fx.app.cli.launch import RULE, MessageFilter
+from gossamer_fx.app.cli.user_files import check_arguments_of, option
 from tests.hanging import HANG_TIMEOUT
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -308,3 +311,26 @@ def test_doctor_tells_what_is_missing(
 
 def test_doctor_solves_exactly() -> None:
     assert doctor.solution_error() < doctor.SOLVER_TOLERANCE
+
+
+def test_a_truth_value_is_not_taken_for_a_word() -> None:
+    """As a word, "false" would count as true."""
+
+    def build(comm: object, held: bool = True, name: str = "film") -> None:
+        """The function of a scene file."""
+
+    given = [option(word) for word in ("held=false", "name=off")]
+    assert given == [("held", False), ("name", "off")]
+    check_arguments_of(build, Path("scene.py"), given)
+    with pytest.raises(gx.InputError, match="held is 'off'; give true or false"):
+        check_arguments_of(build, Path("scene.py"), [option("held=off")])
+
+
+def test_an_argument_that_is_given_twice_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last one counted."""
+    scene = tmp_path / "fall.py"
+    scene.write_text("def build(comm, mass=1.0):\n    raise RuntimeError(mass)\n")
+    assert main(["run", str(scene), "mass=2", "mass=3", "--dry-run"]) == 2
+    assert "mass is given 2 times" in capsys.readouterr().err

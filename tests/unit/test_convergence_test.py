@@ -6,9 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual
+from tests.small_scenes import LINEAR, run_until
 
 # The round-off floor of one unit in the last place of 1 N is 2.2e-16 N.
 TOLERANCES = gx.Tolerances(relative=1e-6, absolute=0.0, floor=1.0, scalars=1e-9, constraint=1e-10)
@@ -141,3 +144,16 @@ def test_a_second_iteration_of_a_step_has_its_own_reference() -> None:
 )
 def test_growth_beyond_measure_is_divergence(norms: list[float], diverges: bool) -> None:
     assert after(norms).diverges() == diverges
+
+
+@pytest.mark.mpi
+def test_the_mass_of_a_held_point_has_no_round_off(comm: MPI.Comm) -> None:
+    """Its inertia is a reaction of the support."""
+    film = gx.Membrane(sheet(comm, 4, 4), LINEAR, velocity=lambda X: 0.1 * X)
+    held = gx.Fixed(film, "left")
+    ballast = gx.connectors.AttachedMass(film.port("top left"), 1e9)
+    floors = []
+    for items in ((film, held), (film, held, ballast)):
+        run = run_until(1e-4, *items, dt=1e-4)
+        floors.append(run.solver.newton.convergence.round_off_floor)
+    assert floors[1] == pytest.approx(floors[0], rel=1e-9)

@@ -76,6 +76,18 @@ def test_averaged_stress_does_the_work_that_is_stored(law, size):
     assert abs((S * (e1 - e0)).sum(axis=1) - Δψ).max() <= 2e-15 * size**2
 
 
+@pytest.mark.parametrize("law", WRINKLING, ids=name)
+@pytest.mark.parametrize("length", [1.0, 0.1, 0.01])
+def test_strains_of_round_off_have_no_larger_stresses(law, length):
+    """At a compression of 1e-12 film begins to wrinkle, and its energy jumps."""
+    size = 1e-12
+    e0 = random_strains(CELLS, size, seed=1)
+    e1 = e0 + length * random_strains(CELLS, size, seed=2)
+    S, _, _ = parts(path_average(law)(e0, e1))
+    # The stiffness is at most 1/(1 - ν) = 1.43.
+    assert abs(S).max() < 4 * size
+
+
 magnitudes = st.sampled_from([0.0, 1e-300, 1e-16, 1e-9, 1e-3, 0.1])
 components = st.builds(
     lambda sign, size: sign * size, st.sampled_from([-1.0, -0.3, 0.3, 1.0]), magnitudes

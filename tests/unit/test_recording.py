@@ -17,6 +17,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
 from gossamer_fx.records.outputs.output import replace_file
+from gossamer_fx.records.outputs.tables import Table
 from gossamer_fx.records.plot import report
 from gossamer_fx.records.plot.colours import NO_LIMITS, Scale, scale
 from gossamer_fx.records.plot.curve_panels import grouped
@@ -83,6 +84,27 @@ def test_what_was_recorded_is_read_back(recorded: Path) -> None:
     )
     assert run.values("displacement", 5)[0] == pytest.approx(np.linalg.norm(V0) * 10 * DT, rel=1e-3)
     assert len(run.table("ledger.csv")["time"]) == 11 and run.table("no.csv") == {}
+
+
+def test_heads_have_units_and_those_without_are_read(tmp_path: Path) -> None:
+    """A run of an earlier version is read, and continued after a restart."""
+    comm = MPI.COMM_SELF
+    case = pillow(comm)
+    case.simulation([case.recording(tmp_path)]).run(until=DT)
+    for name, column in (("ledger.csv", "kinetic [J]"), ("gas.csv", "bag pressure [Pa]")):
+        lines = (tmp_path / name).read_text(encoding="utf-8").splitlines()
+        head = lines[0].split(",")
+        assert column in head
+        found = gx.plot.RunReader(tmp_path).table(name)
+        older = Table(tmp_path / name)
+        older.create(comm, list(found))
+        for row in lines[1:]:
+            older.append(comm, map(float, row.split(",")))
+        again = gx.plot.RunReader(tmp_path).table(name)
+        assert list(again) == list(found)
+        Table(tmp_path / name).cut(comm, head, older.cursor())
+        with pytest.raises(gx.InputError, match="has other columns than this run"):
+            Table(tmp_path / name).cut(comm, [*head, "more"], older.cursor())
 
 
 @pytest.mark.mpi

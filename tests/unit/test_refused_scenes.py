@@ -242,6 +242,7 @@ STATICS: list[Case] = [
     (lambda: supported(film()).reaction(gx.Fixed(film(), "left")), "scene"),
     (lambda: supported(film()).joint_force(gx.Fixed(film(), "left")), "joint"),
     (lambda: gx.analysis.modes(supported(film()), 10**4), "modes"),
+    (lambda: run(film(), halvings=3, control=gx.StepControl()), "give it min_step instead"),
     (
         lambda: (lambda sail: gx.fields.field_values(supported(sail), sail, field="heat"))(film()),
         "heat",
@@ -359,6 +360,21 @@ ORBITS: list[Case] = [
         "2 orbits",
     ),
     (lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=Z, shadow="soft"), "soft"),
+    (lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), mu=4.283e13), "give the radius"),
+    (
+        lambda: flown(
+            lambda sail, orbit: gx.orbit.Drag(
+                sail, orbit, atmosphere=gx.orbit.ExponentialAtmosphere(1e-9, 1e5, scale_height=1e4)
+            ),
+            mu=4.283e13,
+            radius=3.4e6,
+        ),
+        "give the rotation",
+    ),
+    (
+        lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), mu=4.283e13, radius=3.4e6, gravity="J2"),
+        "leave out gravity",
+    ),
     (lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), epoch="yesterday"), "yesterday"),
     (lambda: flown(lambda sail, orbit: gx.orbit.SolarPressure(cable(), orbit), sun=Z), "Cable"),
 ]

@@ -194,7 +194,7 @@ def figure(case: Case, results: list[Result], path: Path) -> None:
         if not test_name
     ]
     width = max([PANEL_WIDTH, *(LABEL_WIDTH * count for count in labels)])
-    size = (max(width * columns, 5.0), 2.7 * rows + 0.7)
+    size = (max(width * columns, 5.0), 2.7 * rows + 1.0)
     drawing, axes = pyplot.subplots(
         rows, columns, figsize=size, squeeze=False, layout="constrained"
     )
@@ -218,12 +218,25 @@ def figure(case: Case, results: list[Result], path: Path) -> None:
         )
         axis.grid(alpha=0.25)
         axis.tick_params(labelsize=8)
-    axes.ravel()[0].legend(fontsize=8)
-    title = textwrap.fill(case.title, int(LETTERS_PER_INCH * size[0]))
+    # Outside of the panels, where it hides no value.
+    handles, names = axes.ravel()[0].get_legend_handles_labels()
+    drawing.legend(handles, names, loc="outside lower center", ncols=2, fontsize=8)
+    title = _even_lines(case.title, int(LETTERS_PER_INCH * size[0]))
     drawing.suptitle(title, fontsize=11, parse_math=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     drawing.savefig(path, dpi=100)
     pyplot.close(drawing)
+
+
+def _even_lines(words: str, letters: int) -> str:
+    """A title on as few lines of at most so many letters as it needs, of nearly equal lengths."""
+    fewest = len(textwrap.wrap(words, letters))
+    widths = range(letters // 2, letters + 1)
+    return next(
+        text
+        for text in (textwrap.fill(words, width) for width in widths)
+        if text.count("\n") < fewest
+    )
 
 
 def _draw_curve(axis, comparison: Comparison, result: Result) -> None:

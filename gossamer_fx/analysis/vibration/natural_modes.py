@@ -65,6 +65,7 @@ from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.loads.body_forces import Centrifugal
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.system import System
 
@@ -173,6 +174,9 @@ EQUAL_DISTANCES = 1e-6
 # Searches for modes that a count misses: each finds at least one copy of every multiple eigenvalue.
 MAX_SEARCHES = 10
 
+# Spins count as equal up to this part of them.
+SAME_SPIN = 1e-9
+
 
 @check_arguments
 @dataclass(frozen=True, repr=False)
@@ -247,12 +251,13 @@ def modes(
         equilibrium: the state about which the scene vibrates; `find` was called.
         count: number of modes.
         spin: ω of the frame [rad/s].  The scene then contains `Centrifugal` forces of the same
-            spin.
+            spin on the bodies that turn.
         above: frequency [Hz]; the default finds the lowest modes.
 
     Raises:
-        InputError: a value is out of its range, the scene has gas in a turning frame or scalar
-            unknowns other than gas, or no equilibrium was found.
+        InputError: a value is out of its range, the scene has gas in a turning frame, no
+            centrifugal force of the spin, or scalar unknowns other than gas, or no equilibrium was
+            found.
         NoEquilibrium: the stiffness is singular, or the eigenvalue solver found fewer modes than
             there are.
 
@@ -267,6 +272,13 @@ def modes(
     """
     system = equilibrium.system
     equilibrium.need("modes")
+    spins = [item.spin for item in system.items if isinstance(item, Centrifugal)]
+    round_off = SAME_SPIN * float(np.linalg.norm(spin))
+    check(
+        not any(spin) or (bool(spins) and np.allclose(spins, spin, rtol=0, atol=round_off)),
+        f"modes: spin is {spin!r} rad/s, but those of centrifugal forces are {spins or 'none'}; "
+        "give each body that turns a loads.Centrifugal of this spin, and find the equilibrium.",
+    )
     system.set_inertia(0.0)
     K = system.tangent()
     M = system.M.copy()

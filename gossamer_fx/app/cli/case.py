@@ -64,8 +64,7 @@ class Case:
     frames: Annotated[int, Range(1)] = 100
     control: StepControl | None = None
     events: Sequence[Event] = ()
-    # Rejected steps are cut to 1/256 of their length at most.
-    halvings: int = 8
+    halvings: int | None = None
     outputs: Sequence[Output] = ()
 
     @check_arguments

@@ -496,10 +496,14 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
         path.is_file(),
         f"There is no scene file '{path}'; give a Python file with a function build(comm).",
     )
-    options = dict(option(word) for word in wanted.options)
+    given = [option(word) for word in wanted.options]
+    options = dict(given)
+    for name in options:
+        count = sum(name == other for other, _ in given)
+        check(count == 1, f"{name} is given {count} times; give it once.")
     module = guarded(comm, path, wanted.debug, lambda: load(path))
     build = build_of(path, module)
-    check_arguments_of(build, path, options)
+    check_arguments_of(build, path, given)
     parameters = inspect.signature(build).parameters
     # The first parameter is the communicator, which the command gives.
     missing = [

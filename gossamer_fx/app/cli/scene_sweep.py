@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.app.cli.case import Case
-from gossamer_fx.app.cli.user_files import check_arguments_of, option
+from gossamer_fx.app.cli.user_files import check_arguments_of, option, value_of
 from gossamer_fx.app.sweep.factorial import Factorial
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.records.outputs.output import Output, make_parent, replace_file
@@ -35,7 +35,7 @@ def values_of(words: Sequence[str]) -> dict[str, list[Any]]:
         name, value = option(word)
         values = list(value) if isinstance(value, tuple) else [value]
         if isinstance(value, str):
-            values = [part.strip() for part in value.split(",")]
+            values = [value_of(part.strip()) for part in value.split(",")]
         check(
             "" not in values,
             f"'{word}' is not of the form NAME=VALUE,VALUE; give arguments of build like "
@@ -200,7 +200,8 @@ def scene_sweep(
         InputError: words of another form, unknown arguments, or values that make no sweep.
     """
     over = values_of(words)
-    check_arguments_of(build, path, list(over))
+    given = [(name, value) for name, values in over.items() for value in values]
+    check_arguments_of(build, path, given)
     outcome = SceneOutcome(build, progress)
     sweep = Factorial(outcome, over, listed=listed)
     outcome.count = len(sweep.cases())

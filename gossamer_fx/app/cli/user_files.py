@@ -34,8 +34,7 @@ def option(word: str) -> tuple[str, Any]:
     """Name and value of a word NAME=VALUE.
 
     Args:
-        word: e.g. "cells=20".  What Python reads as a number, tuple, list or the like becomes that,
-            anything else a word.
+        word: e.g. "cells=20".
 
     Raises:
         InputError: the word has another form.
@@ -45,10 +44,18 @@ def option(word: str) -> tuple[str, Any]:
         bool(equals) and name.isidentifier(),
         f"'{word}' is not of the form NAME=VALUE; give arguments of build like cells=20.",
     )
+    return name, value_of(text)
+
+
+def value_of(text: str) -> Any:
+    """What Python reads as a number, tuple, list or the like becomes that, true and false in any
+    letters a truth value, anything else a word."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
     try:
-        return name, ast.literal_eval(text)
+        return ast.literal_eval(text)
     except (ValueError, SyntaxError):
-        return name, text
+        return text
 
 
 def load(path: Path) -> ModuleType:
@@ -102,11 +109,14 @@ def build_of(path: Path, module: ModuleType) -> Callable[..., Any]:
     return found
 
 
-def check_arguments_of(build: Callable[..., Any], path: Path, names: Iterable[str]) -> None:
-    """Refuse names that are not arguments of the function `build` of a scene file.
+def check_arguments_of(
+    build: Callable[..., Any], path: Path, given: Iterable[tuple[str, Any]]
+) -> None:
+    """Refuse names and values that are not arguments of the function `build` of a scene file.
 
     Raises:
-        InputError: names them and the arguments that there are.
+        InputError: names them and the arguments that there are; or a word in place of a truth
+            value, which Python would take for true.
     """
     parameters = list(inspect.signature(build).parameters.values())
     check(
@@ -114,11 +124,16 @@ def check_arguments_of(build: Callable[..., Any], path: Path, names: Iterable[st
         f"build in '{path}' takes no 'comm'; its first argument must be the communicator.",
     )
     known = parameters[1:]
+    given = list(given)
+    truths = [parameter.name for parameter in known if isinstance(parameter.default, bool)]
+    for name, value in given:
+        is_word = name in truths and isinstance(value, str)
+        check(not is_word, f"build in '{path}': {name} is '{value}'; give true or false.")
     # A function with **options takes any name.
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in known):
         return
     arguments = [parameter.name for parameter in known]
-    unknown = [name for name in names if name not in arguments]
+    unknown = [name for name in dict(given) if name not in arguments]
     check(
         not unknown,
         f"build in '{path}' takes no {', '.join(unknown)}; its arguments are: "

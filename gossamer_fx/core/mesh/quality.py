@@ -50,11 +50,12 @@ def corner_points(domain: dmesh.Mesh) -> Array:
 def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
     """Lowest and highest coordinates, (3,) each [m], of the points (n, 3) [m] of all ranks; inf and
     -inf if there are none."""
-    low = points.min(axis=0, initial=np.inf)
-    high = points.max(axis=0, initial=-np.inf)
-    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
-    return low, high
+    # The lowest with the opposite sign, so that one message has both.
+    highest = np.concatenate(
+        [-points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)]
+    )
+    comm.Allreduce(MPI.IN_PLACE, highest, op=MPI.MAX)
+    return -highest[:3], highest[3:]
 
 
 def extent(domain: dmesh.Mesh) -> float:

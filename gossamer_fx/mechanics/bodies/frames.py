@@ -150,7 +150,7 @@ def lies_in(direction: Array, frame: Frame, where: Callable[[Attached], Array] =
     directors = np.array([where(director) for director in frame.directors])
     # The sum of the components along orthonormal directors.
     projection = directors @ direction @ directors
-    return bool(np.allclose(projection, direction, atol=SAME_DIRECTION))
+    return bool(np.allclose(projection, direction, rtol=0, atol=SAME_DIRECTION))
 
 
 def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INITIAL) -> bool:

@@ -21,6 +21,7 @@ from gossamer_fx.core.checks.user_functions import ask_points
 from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.mesh.quality import extent
 from gossamer_fx.core.model.body import Array, Block, MeshBody, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
@@ -42,6 +43,9 @@ ZERO_WEIGHT = 1e-12
 
 # Relative difference of distances from two nodes that counts as round-off.
 NODE_ROUND_OFF = 1e-9
+
+# Distance of a point from the mesh, over the size of the mesh, up to which it is on it.
+ON_MESH = 1e-6
 
 
 class Meshed(ABC):
@@ -251,10 +255,10 @@ def nearest_node(body: MeshBody, point: Sequence[float]) -> Port:
     return Port(body, (node,))
 
 
-def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6) -> Port:
+def interpolated(body: MeshBody, point: Sequence[float]) -> Port:
     """The point of a body at coordinates (3,) [m] of its mesh, also between nodes, as the weighted
-    sum of the nodes of the cell around it.  A point that is further than `tolerance` [m] from the
-    mesh raises `InputError`.  Collective."""
+    sum of the nodes of the cell around it.  A point that is further than `ON_MESH` from the mesh
+    raises `InputError`.  Collective."""
     mesh = body.space.mesh
     x = np.asarray(point, dtype=float)
     tdim = mesh.topology.dim
@@ -279,7 +283,7 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
     # them.
     nearest, rank = body.comm.allreduce((distance, body.comm.rank), op=MPI.MIN)
     check(
-        nearest <= tolerance,
+        nearest <= ON_MESH * extent(mesh),
         f"The point {x.tolist()} m is {nearest:.3g} m away from '{body.name}'; "
         "give a point of its mesh, or snap=True for the node that is nearest.",
     )

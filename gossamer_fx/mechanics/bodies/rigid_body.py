@@ -113,7 +113,7 @@ class RigidBody(OneNode):
         # transpose.
         round_off = INERTIA_TOLERANCE * np.abs(tensor).max(initial=0.0)
         is_symmetric = tensor.shape == (3, 3) and bool(
-            np.allclose(tensor, tensor.T, atol=round_off)
+            np.allclose(tensor, tensor.T, rtol=0, atol=round_off)
         )
         check(
             is_symmetric,
@@ -138,7 +138,7 @@ class RigidBody(OneNode):
         R = np.asarray(attitude, dtype=float)
         is_rotation = (
             R.shape == (3, 3)
-            and bool(np.allclose(R.T @ R, np.eye(3), atol=ATTITUDE_TOLERANCE))
+            and bool(np.allclose(R.T @ R, np.eye(3), rtol=0, atol=ATTITUDE_TOLERANCE))
             and np.linalg.det(R) > 0
         )
         check(

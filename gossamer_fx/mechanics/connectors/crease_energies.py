@@ -253,6 +253,9 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         # Sorted, so that the file is the same for any number of ranks.
         return {"points": sorted(of_all_ranks)}
 
+    def shape_history(self) -> dict[str, Any]:
+        return self.get_history()
+
     def set_history(self, state: dict[str, Any]) -> None:
         stored = {tuple(name): (turns, rest) for name, turns, rest in state["points"]}
         for points in self._arrays:

@@ -281,6 +281,10 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
             "mean tensions": self.tensions(mean=True).tolist(),
         }
 
+    def shape_history(self) -> dict[str, Any] | None:
+        # A rope whose length is given over time has the one of the time at which a scene starts.
+        return None if self._given else self.get_history()
+
     def set_history(self, state: dict[str, Any]) -> None:
         self.length = np.array(state["lengths"])[self._at.owner]
         self._next_length = self.length

@@ -26,10 +26,11 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.frames import Frame, Line
@@ -39,6 +40,9 @@ from gossamer_fx.mechanics.constraints.fixed import check_support
 from gossamer_fx.mechanics.constraints.joint import coincidence
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.mechanics.terms.supports import Support
+
+# Largest misfit of the nodes and a rigid motion that a fold map gives them, over their size.
+FIT = 1e-6
 
 
 @check_arguments
@@ -60,7 +64,7 @@ class RigidRegion:
 
     Raises:
         InputError: a beam, a group of one point, one that slides but fills space, or slides on a
-            rigid body.
+            rigid body; when the scene is compiled, a group that a fold map folds.
 
     Example:
         >>> edge = gx.RigidRegion(film, "right")
@@ -182,18 +186,52 @@ class RigidRegion:
 
     @cached_property
     def _fit(self) -> tuple[Array, Array, Array]:
-        """Frame, rates of the frame and coordinates of the nodes at the start, see `fitted`."""
-        size = self.body.block.size
+        """Frame, rates of the frame and coordinates of the nodes in the initial state that the body
+        has by itself, see `fitted`."""
         coordinates, velocities = self.body.initial_state()
-        x = coordinates.reshape(-1, size)[self._own, :3]
-        v = velocities.reshape(-1, size)[self._own, :3]
-        return fitted(self.body.comm, x, v)
+        return fitted(self.body.comm, self._of_nodes(coordinates), self._of_nodes(velocities))
 
-    @property
+    def _of_nodes(self, unknowns: Array) -> Array:
+        """The positions [m] or velocities (n, 3) of the nodes among all unknowns of the body."""
+        return unknowns.reshape(-1, self.body.block.size)[self._own, :3]
+
+    @cached_property
     def _centre(self) -> list[float]:
-        """Mean position [m] of the nodes at the start."""
+        """Mean position [m] of the nodes in the state of `_fit`."""
         frame, _, _ = self._fit
         return frame[0].tolist()
+
+    def initialise(self, start: InitialState) -> None:
+        """Move the piece with its nodes where a fold map has moved these.  `InputError` if they are
+        folded, or if the port or frame of a region on a rigid body was made before.  Collective."""
+        comm = self.body.comm
+        x = self._of_nodes(start.made(self.body))
+        X = self._of_nodes(self.body.initial_state()[0])
+        if not comm.allreduce(not np.array_equal(x, X)):
+            return
+        if self.rigid_body is not None:
+            check(
+                "_centre" not in vars(self),
+                f"'{self.name}': its port or frame was made before '{self.body.name}' is folded; "
+                f"use those of '{self.rigid_body.name}'.",
+            )
+            return
+        # The images of centre and directors in the affine motion that takes X to x.
+        _, image, along = fitted(comm, X, x)
+        misfit = np.abs(image[0] + along @ image[1:] - x).max(initial=0.0)
+        stretch = np.abs(image[1:] @ image[1:].T - np.eye(len(image) - 1)).max()
+        size = np.abs(along).max(initial=0.0)
+        misfit, size = maximum_over_ranks(comm, np.array([misfit, size]))
+        check(
+            misfit <= FIT * size and stretch <= FIT,
+            f"'{self.name}' is folded at the start, off by {misfit:.3g} m from a rigid motion; "
+            "name nodes of one panel.",
+        )
+        if len(self.piece.directors) > len(image) - 1:
+            image = np.vstack([image, np.cross(image[1], image[2])])
+        # One rank has the node of the piece.
+        nodes = image[None][: self.piece.block.index_map.size_local]
+        start.place(self.piece, nodes, as_made=True)
 
     def _nodes(self) -> Sequence[int]:
         """Global numbers of this rank's nodes."""

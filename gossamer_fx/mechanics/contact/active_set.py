@@ -88,6 +88,10 @@ class ContactHistory(HistoryVariables):
             "reference speed": self.reference_speed,
         }
 
+    def shape_history(self) -> dict[str, Any]:
+        # The reference speed is that of the first step of a run.
+        return self.get_history() | {"reference speed": 0.0}
+
     def set_history(self, state: dict[str, Any]) -> None:
         """Restore the history variables that `get_history` returned, on any number of ranks."""
         of_all_points = np.array(state["activation distance"], dtype=float)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, Self, cast
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.drawing import Solid
+from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.contact.active_set import ContactHistory
@@ -200,11 +200,7 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         """Return the obstacles as solids for pictures; collective. Planes, which have no end, are
         drawn near the bodies; kinds of obstacles without a picture are left out."""
         x = self.x0[: self.points.body_count]
-        # The box round the bodies, of all ranks together; least coordinates are found as the
-        # largest of their negatives.
-        corners = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
-        corners = maximum_over_ranks(self.mesh.comm, corners)
-        near = np.array([-corners[3:], corners[:3]])
+        near = np.array(box(self.mesh.comm, x))
         found = [obstacle.solid(near) for obstacle in self.item.obstacles]
         return [solid for solid in found if solid is not None]
 

@@ -89,7 +89,6 @@ class ContactSet:
         forces: of the active pairs, with friction.
         pairs: the active pairs of the step; None between steps, except in statics.
         x0: points (m, 3) [m] at the start of the step.
-        closest: least gap [m] at the start of any step so far.
     """
 
     x0: Array
@@ -116,7 +115,7 @@ class ContactSet:
         self.activation = Activation(mesh, history, activation_distance)
         self.forces = StepForces(mesh.points, law, system, friction)
         self.pairs: ActivePairs | None = None
-        self.closest = math.inf
+        self._closest = math.inf
         self._turns = LargeTurns(mesh, activation_distance, system)
         # Of the accepted state: its energy [J] and the pairs of the step that led to it, each with
         # `history.restored` of the time at which it was computed: another number means that it is
@@ -150,6 +149,11 @@ class ContactSet:
     def candidates(self) -> CandidatePairs:
         """The candidate pairs of this rank."""
         return self.search.pairs
+
+    @property
+    def closest(self) -> float:
+        """Least gap [m] at the start of any step so far; collective."""
+        return float(self.system.comm.allreduce(self._closest, op=MPI.MIN))
 
     # ---- states ----
 
@@ -423,12 +427,11 @@ class ContactSet:
         self.activation.update_points()
 
     def _grow_activation(self, gap: Array) -> None:
-        """Let activation distances grow with the gaps (n,) [m] at the start of the step, and update
-        `closest`; collective."""
+        """Let activation distances grow with the gaps (n,) [m] at the start of the step;
+        collective."""
         near = np.where(gap < FAR * self.activation_distance, gap, np.inf)
         nearest = nearest_gaps(self.candidates, near, self.mesh)
-        least = self.system.comm.allreduce(float(nearest.min(initial=np.inf)), op=MPI.MIN)
-        self.closest = min(self.closest, least)
+        self._closest = min(self._closest, float(nearest.min(initial=np.inf)))
         self.activation.grow(nearest)
 
     def _activated(self, active: MaskArray) -> ActivePairs:

@@ -347,7 +347,7 @@ class Box(Obstacle):
         )
         axes = np.asarray(self.axes, dtype=float)
         is_orthonormal = axes.shape == (3, 3) and bool(
-            np.allclose(axes @ axes.T, np.eye(3), atol=ORTHONORMALITY)
+            np.allclose(axes @ axes.T, np.eye(3), rtol=0, atol=ORTHONORMALITY)
         )
         check(
             is_orthonormal,

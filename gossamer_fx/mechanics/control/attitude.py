@@ -473,7 +473,9 @@ class AttitudeControl:
             "none may be negative.",
         )
         self.axes = _three_by_three(axes)
-        is_orthonormal = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=ORTHONORMALITY)
+        is_orthonormal = np.allclose(
+            self.axes.T @ self.axes, np.eye(3), rtol=0, atol=ORTHONORMALITY
+        )
         check(
             bool(is_orthonormal and np.linalg.det(self.axes) > 0),
             f"'{name}': its axes are not right-handed and orthonormal; "

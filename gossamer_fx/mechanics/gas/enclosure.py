@@ -269,7 +269,7 @@ class CompiledSurface:
 
 @check_arguments
 class Piston:
-    """The volume A n·(x - x0) that a point of a body sweeps from its initial position x0.
+    """The volume A n·(x - x0) that a point of a body sweeps from x0, where the body was made.
 
     Args:
         port: a point of a body, its position x.
@@ -341,12 +341,16 @@ class _CompiledPiston:
         mine = (indices >= start) & (indices < end)
         self._gradient = np.zeros(end - start)
         np.add.at(self._gradient, indices[mine] - start, entries[mine])
+        self._piston = piston
         self._origin = 0.0
         self.pressure = np.zeros(1)
         self.measures = np.zeros(3)
 
     def start(self) -> None:
-        self._origin = self._height(self._system.q1)
+        piston = self._piston
+        # Not at q1: a scene that starts from another one has displaced volume already.
+        made = piston.port.evaluate(self._system.initial.made(piston.port.body))
+        self._origin = float(piston.area * piston.direction @ made)
 
     def _height(self, q: PETSc.Vec) -> float:
         """A n·x [m³] at coordinates q, the same on every rank.  Collective."""

@@ -176,6 +176,9 @@ LAYERS = (
     _Layer(11e3, 20e3, 216.65, 22632.06, 0.0),
     _Layer(20e3, 32e3, 216.65, 5474.889, 1e-3),
     _Layer(32e3, 47e3, 228.65, 868.0187, 2.8e-3),
+    _Layer(47e3, 51e3, 270.65, 110.9063, 0.0),
+    _Layer(51e3, 71e3, 270.65, 66.93887, -2.8e-3),
+    _Layer(71e3, 84852.0, 214.65, 3.956420, -2e-3),
 )
 LOWEST = LAYERS[0].bottom
 HIGHEST = LAYERS[-1].top
@@ -184,9 +187,11 @@ HIGHEST = LAYERS[-1].top
 @check_arguments
 @dataclass(frozen=True)
 class StandardAtmosphere:
-    """The standard atmosphere of 1976, to 47 km.
+    """The standard atmosphere of 1976, to a height of 86 km.
 
-    Called with geopotential altitudes [m], between -5 km and 47 km, it returns pressures.
+    Called with geopotential altitudes [m], between -5 km and 84.852 km, it returns pressures.
+    Films beyond these have the pressure of the nearest of them, 0.373 Pa above.  Temperatures are
+    those of the molecular scale, which above 80 km are up to 0.05 % higher.
 
     Args:
         altitude: geopotential altitude [m] of z = 0.
@@ -222,13 +227,16 @@ class StandardAtmosphere:
 
         def pressure(z: Expr) -> Expr:
             altitude = z + start
-            found = ufl.as_ufl(0.0)
+            found = None
             # From the highest layer down.  Altitudes are limited to those of each layer: outside,
             # its linear temperature may be negative, of which there is no logarithm.
             for layer in reversed(LAYERS):
                 within = ufl.max_value(layer.bottom, ufl.min_value(layer.top, altitude))
                 here = _pressure(layer, within, ufl.exp, ufl.ln)
-                found = ufl.conditional(ufl.gt(altitude, layer.top), found, here)
+                if found is None:
+                    found = here
+                else:
+                    found = ufl.conditional(ufl.gt(altitude, layer.top), found, here)
             return found
 
         # Over the height of a balloon it is nearly a straight line, so that degree 2 is enough.

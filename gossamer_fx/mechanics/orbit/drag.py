@@ -85,9 +85,9 @@ class Drag:
     rigid body.
 
     Each triangle or surface meets the air with its own velocity; none shades another.  The air has
-    the state at the altitude of the scene over a sphere, and turns with the Earth about z.  It
-    reaches both sides of an open film, and the outer side of a closed one.  A closed film that is
-    convex shades nothing, so that its drag is complete.
+    the state at the altitude of the scene over a sphere, and turns about z.  It reaches both sides
+    of an open film, and the outer side of a closed one.  A closed film that is convex shades
+    nothing, so that its drag is complete.
 
     Args:
         body: a film or a rigid body.
@@ -97,11 +97,12 @@ class Drag:
         surfaces: of a rigid body.
         closed: whether the film encloses a volume, with normals that point outwards, e.g. a
             balloon.
-        rotation: of the atmosphere [rad/s].
+        rotation: of the atmosphere [rad/s]; default that of the Earth, on an orbit round it.
         name: for messages and results; default from the body.
 
     Raises:
-        InputError: a film with surfaces, or a rigid body without, or one that is `closed`.
+        InputError: a film with surfaces, a rigid body without, or one that is `closed`; no rotation
+            on an orbit round another centre than the Earth.
 
     Example:
         >>> air = gx.orbit.ExponentialAtmosphere(3e-12, 400e3, scale_height=60e3)
@@ -117,18 +118,23 @@ class Drag:
         accommodation: Accommodation | None = None,
         surfaces: Sequence[Surface] = (),
         closed: bool = False,
-        rotation: float = ROTATION,
+        rotation: float | None = None,
         name: str = "",
     ) -> None:
         self.body = body
         self.orbit = orbit
         self.atmosphere = atmosphere
-        self.rotation = rotation
+        self.rotation = ROTATION if rotation is None else rotation
         self.accommodation = accommodation or Accommodation()
         self.surfaces = tuple(surfaces)
         self.closed = closed
         self.name = name or f"drag on {body.name}"
         check_surfaces(self.name, body, self.surfaces)
+        check(
+            orbit.is_round_earth or rotation is not None,
+            f"'{self.name}': the orbit is not round the Earth; give the rotation of the atmosphere "
+            "in rad/s, or zero.",
+        )
         check(
             not closed or not isinstance(body, RigidBody),
             f"'{self.name}': closed is for films; "

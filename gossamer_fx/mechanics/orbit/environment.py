@@ -39,6 +39,9 @@ Shadow = Literal["none", "cylinder", "cone"]
 SunHistory = Callable[[float], Sequence[float]]
 ROTATION = 7.292115e-5  # rad/s, of the Earth
 
+# Values of the Earth's gravity parameter differ by less than this part.
+SAME_CENTRE = 1e-3
+
 
 class Environment:
     """What attracts and lights a scene; its arguments are those of `Orbit`."""
@@ -53,7 +56,7 @@ class Environment:
         third_bodies: Sequence[Literal["sun", "moon"]] = (),
         shadow: Shadow = "cylinder",
         mu: Annotated[float, positive("m³/s²")] | None = None,
-        radius: Annotated[float, positive("m")] = RADIUS,
+        radius: Annotated[float, positive("m")] | None = None,
         pressure: Annotated[float, positive("N/m²")] = PRESSURE,
         ut1_utc: float = 0.0,
         following: Annotated[float, positive("s")] = 1000.0,
@@ -64,7 +67,14 @@ class Environment:
         missing where the gravity field or a third body depends on the date, or the library ERFA for
         dates is not installed."""
         self.name = name
-        self.radius = radius
+        self.is_round_earth = mu is None or abs(mu / MU - 1) <= SAME_CENTRE
+        check(
+            self.is_round_earth
+            or (gravity == "point" and not epoch and not third_bodies and radius is not None),
+            f"Orbit '{name}': mu is {mu!r} m³/s², not that of the Earth; give the radius of the "
+            "centre and leave out gravity, epoch and third_bodies, which are the Earth's.",
+        )
+        self.radius = RADIUS if radius is None else radius
         self.pressure = pressure
         self.following = following
         # Arguments that a restart compares, see `records.outputs.output`.

@@ -36,8 +36,9 @@ class Orbit(Environment):
             that returns them; default that of the epoch.  (0, 0, 0): the Sun is the centre.
         third_bodies: "sun", "moon"; need an epoch.
         shadow: of the centre: "cylinder", "cone" (with penumbra) or "none".
-        mu: gravity parameter of the centre [m³/s²]; default that of the gravity field.
-        radius: of the centre, for shadow and altitude [m].
+        mu: gravity parameter of the centre [m³/s²]; default that of the gravity field.  With that
+            of another centre than the Earth, give its radius, too.
+        radius: of the centre, for shadow and altitude [m]; default that of the Earth.
         pressure: of sunlight at 1 au on a black surface [N/m²].
         ut1_utc: difference UT1 - UTC of the epoch [s], below 0.9 s.
         following: time in which the origin returns to the centre of mass [s]; the motion does not
@@ -45,7 +46,8 @@ class Orbit(Environment):
         name: for messages and results.
 
     Raises:
-        InputError: a start that is not an orbit, or something that needs an epoch without one.
+        InputError: a start that is not an orbit, something that needs an epoch without one, or
+            something of the Earth with the mu of another centre.
 
     Example:
         >>> low = gx.orbit.Orbit(gx.orbit.Elements(6.8e6, i=0.9), gravity="J2")

@@ -41,7 +41,7 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
 from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array, Attached, Block, Body, Indices, MeshBody
-from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
@@ -89,7 +89,7 @@ class Assembly(Protocol):
     geometric: float
 
     @property
-    def initial(self) -> State:
+    def initial(self) -> InitialState:
         """The state in which the scene starts."""
         ...
 
@@ -282,6 +282,10 @@ class Multipliers(ABC):
         """Blocks of multipliers for all terms of the kind, numbered behind the bodies."""
 
     @abstractmethod
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Add the forces of the multipliers, and the violations in their rows."""
+
+    @abstractmethod
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the rows and columns of the multipliers, see `CompiledTerms.add_tangents`."""
 
@@ -410,6 +414,12 @@ class HistoryVariables(ABC):
     @abstractmethod
     def set_history(self, state: dict[str, Any]) -> None:
         """Restore what `get_history` returned; coordinates and velocities have been restored."""
+
+    def shape_history(self) -> dict[str, Any] | None:
+        """The history that belongs to the shape, which a scene that starts from it takes over
+        (`StartFrom`); None: it takes none, e.g. of what depends on the time of a run.  Collective.
+        """
+        return None
 
     def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
         """History variables in the cells of bodies, on which strains may depend.

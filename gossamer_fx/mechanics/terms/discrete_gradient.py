@@ -83,6 +83,11 @@ from gossamer_fx.mechanics.materials.film import CLaw
 # Round-off of a difference of energies, over their sum.
 ROUND_OFF = 4 * np.finfo(float).eps
 
+# Length of a path in strain space below which energies do not correct its stress.  Film counts as
+# taut to a compression of 1e-12, where its energy jumps.  Corrected for that, the stresses of film
+# that hardly moves were above those of its strains, and Newton's iteration did not end.
+SHORTEST_PATH = 3e-12
+
 
 class PathEnergy(Protocol):
     """What a stress rule knows of a stored energy: its density ψ, whether that is quadratic, the
@@ -330,7 +335,8 @@ def defect(
     """Gonzalez correction of the mean stress of a step: ((Δψ - S·Δe)/|Δe|²) Δe with Δe = e1 - e0.
 
     With it the work of the stress is the change of the energy.  It is zero within the round-off of
-    the energies, and for |Δe| < 1e-5 |e|.  There it would only amplify noise.  A film that is taut
+    the energies, and for |Δe| below 1e-5 |e| or `SHORTEST_PATH`.  There it would only amplify
+    noise.  A film that is taut
     over the whole step needs no correction, and the noise would stop its convergence.
 
     Args:
@@ -342,8 +348,7 @@ def defect(
         UFL vector (m,), to be added to S.
     """
     Δe = e1 - e0
-    # 1e-40 stands for a film at rest, both of whose strains are zero.
-    smallest = ufl.max_value(1e-10 * (ufl.dot(e0, e0) + ufl.dot(e1, e1)), 1e-40)
+    smallest = ufl.max_value(1e-10 * (ufl.dot(e0, e0) + ufl.dot(e1, e1)), SHORTEST_PATH**2)
     # Energy densities at the start and the end of the step.
     ψ0 = ψ(e0)
     ψ1 = ψ(e1)

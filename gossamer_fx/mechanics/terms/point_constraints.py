@@ -604,6 +604,9 @@ class LatchState(HistoryVariables):
             "values": self.values.tolist(),
         }
 
+    def shape_history(self) -> dict[str, Any]:
+        return self.get_history()
+
     def set_history(self, state: dict[str, Any]) -> None:
         self.is_wanted = state["wanted"]
         self.is_held = np.array(state["held"])

@@ -26,7 +26,7 @@ from gossamer_fx.records.fields.body_shape import At, BodyShape, rule_at
 from gossamer_fx.records.fields.fields import position
 from gossamer_fx.solve.system.system import System
 
-# Difference of coordinates, over their size or 1 m if that is larger, below which they are equal
+# Difference of coordinates, over their size, below which they are equal
 SAME_POSITION = 1e-9
 
 Pairs = list[tuple[object, object]]
@@ -116,7 +116,7 @@ def line_values(state: HasSystem, line: Curve | DrawnAsLines, *, at: At = "mean"
 def _is_before(a: Array, b: Array) -> bool:
     """Whether a point comes before another one by x, or else y, or else z, beyond round-off."""
     difference = a - b
-    is_different = np.abs(difference) > SAME_POSITION * max(1.0, float(np.abs(b).max()))
+    is_different = np.abs(difference) > SAME_POSITION * np.abs([a, b]).max()
     if not is_different.any():
         return False
     return bool(difference[is_different.argmax()] < 0)

@@ -61,6 +61,7 @@ from gossamer_fx.records.outputs.vtu import VTU
 from gossamer_fx.records.probes.points import (
     AXES,
     GAS,
+    GAS_UNITS,
     GasFlow,
     GasState,
     Position,
@@ -380,15 +381,17 @@ class Recording:
         gas: dict[str, Probe] = {}
         for name, state in run.chambers.items():
             for quantity in GAS:
-                gas[f"{name} {quantity}"] = GasState(state.chamber, quantity)
+                gas[f"{name} {quantity} [{GAS_UNITS[quantity]}]"] = GasState(
+                    state.chamber, quantity
+                )
             # The mass of one species is that of the chamber.
             for one in state.species if len(state.species) > 1 else ():
-                gas[f"{name} mass of {one.name}"] = partial(_mass_of, name, one)
+                gas[f"{name} mass of {one.name} [kg]"] = partial(_mass_of, name, one)
         flows = gas_flows(run.system)
         items: Sequence[Any] = run.scene.items
         for item in items:
             if item.name in flows:
-                gas[f"{item.name} flow"] = GasFlow(item)
+                gas[f"{item.name} flow [kg/s]"] = GasFlow(item)
         points: dict[str, Probe] = {}
         for body in run.system.bodies:
             if not is_on_mesh(body):

@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Shown
@@ -338,14 +339,8 @@ class OpenedOutputs(ExitStack):
 
 def _scene_size(view: StateView) -> float:
     """Largest side of the box around all bodies [m]; 1 m for a scene of one point.  Collective."""
-    low: Array = np.full(3, np.inf)
-    high: Array = np.full(3, -np.inf)
-    for body in view.system.bodies:
-        positions = view.system.state[body].positions()
-        low = np.minimum(low, positions.min(axis=0, initial=np.inf))
-        high = np.maximum(high, positions.max(axis=0, initial=-np.inf))
-    view.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-    view.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    positions = [body.positions() for body in view.system.state]
+    low, high = box(view.comm, np.concatenate([np.zeros((0, 3)), *positions]))
     return float((high - low).max()) or 1.0
 
 

@@ -6,6 +6,7 @@ import csv
 import errno
 import io
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,9 @@ class Table:
             "bytes; put back a copy of it, or start again.",
         )
         first_line = _csv_line(head)
+        # Tables of earlier versions have no units.
+        if content.startswith(_csv_line(without_units(head))):
+            first_line = _csv_line(without_units(head))
         check(
             content.startswith(first_line),
             f"'{self.path}' has other columns than this run; restart with the same ones, or give "
@@ -130,6 +134,15 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
         except OSError:
             file.truncate(end)
             raise
+
+
+# Units at the end of heads of the energy balance and of gas.
+UNIT = re.compile(r" \[(J|kg m/s|kg m²/s|kg|kg/s|Pa|K|m³)\]$")
+
+
+def without_units(head: Iterable[str]) -> list[str]:
+    """Names of columns without their units."""
+    return [UNIT.sub("", column) for column in head]
 
 
 def _csv_line(values: Iterable[Any]) -> bytes:
@@ -233,41 +246,39 @@ class Ledger(TableOutput):
         >>> ledger = gx.Ledger(folder / "ledger.csv")
         >>> throw = gx.Simulation(gx.Scene(thrown), gx.Midpoint(dt=0.1), outputs=[ledger])
         >>> throw.run(until=0.3)
-        >>> (folder / "ledger.csv").read_text().splitlines()[0][:36]
-        'time,step,iterations,substeps,kineti'
+        >>> (folder / "ledger.csv").read_text().splitlines()[0][:42]
+        'time,step,iterations,substeps,kinetic [J],'
     """
 
     def __init__(self, path: str | Path) -> None:
         super().__init__(path, Schedule())
 
     def values(self, run: StateView) -> dict[str, Any]:
-        """The present state as columns by name; energies in J, momenta in kg m/s and kg
-        m²/s.
+        """The present state as columns by name, with their units.
 
-        Gas masses are in kg; `energy_error` and `mass_error` are relative, and left out where no
-        energy is conserved.  Columns of gas are left out if there is no gas.  Collective; the same
-        on every rank.
+        `energy_error` and `mass_error` are relative, and left out where no energy is conserved.
+        Columns of gas are left out if there is no gas.  Collective; the same on every rank.
         """
         t = run.totals
         account = run.account
         row: dict[str, Any] = {
             "iterations": account.last_iterations,
             "substeps": account.rejected,
-            "kinetic": t.kinetic,
+            "kinetic [J]": t.kinetic,
         }
-        row |= {f"stored {name}": energy for name, energy in t.stored.items()}
-        row |= {"supplied": t.supplied, "dissipated": t.dissipated}
+        row |= {f"stored {name} [J]": energy for name, energy in t.stored.items()}
+        row |= {"supplied [J]": t.supplied, "dissipated [J]": t.dissipated}
         if len(t.losses) > 1:
-            row |= {f"{LOST}{name}": loss for name, loss in t.losses.items()}
+            row |= {f"{LOST}{name} [J]": loss for name, loss in t.losses.items()}
         row |= account.columns
         if account.balance is not None:
             row |= {"energy_error": account.balance.energy_error}
-        row |= {f"momentum {axis}": p for axis, p in zip("xyz", t.momentum, strict=True)}
-        row |= {
-            f"angular momentum {axis}": p for axis, p in zip("xyz", t.angular_momentum, strict=True)
-        }
+        for axis, linear in zip("xyz", t.momentum, strict=True):
+            row[f"momentum {axis} [kg m/s]"] = linear
+        for axis, angular in zip("xyz", t.angular_momentum, strict=True):
+            row[f"angular momentum {axis} [kg m²/s]"] = angular
         if t.mass:
-            row |= {"gas mass": t.mass, "gas mass supplied": t.mass_supplied}
+            row |= {"gas mass [kg]": t.mass, "gas mass supplied [kg]": t.mass_supplied}
             if account.balance is not None:
                 row |= {"mass_error": account.balance.mass_error}
         return row

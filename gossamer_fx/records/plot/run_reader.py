@@ -26,6 +26,7 @@ from gossamer_fx.mechanics.materials.film import SLACK
 from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, scaled_axis, with_unit
 from gossamer_fx.records.outputs.recording import REST, placed
 from gossamer_fx.records.outputs.run_file import file_name, read_run_file
+from gossamer_fx.records.outputs.tables import without_units
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
 from gossamer_fx.records.outputs.vtu_format import Grid, read_vtu
 from gossamer_fx.records.plot.shapes import INK, SOLID, Integers, Shape, smooth_normals
@@ -159,6 +160,7 @@ class RunReader:
     @check_arguments
     def table(self, name: str) -> Tables:
         """Columns of a table of the run's folder by their names; empty if the run did not write it.
+        Those of the energy balance and of gas are named without the units of their heads.
 
         A last row that is not complete is left out.
 
@@ -166,7 +168,7 @@ class RunReader:
             name: of the file, e.g. "ledger.csv".
 
         Returns:
-            arrays (n,) in SI units, as the names of the columns or the format of the file say.
+            arrays (n,) in SI units.
 
         Raises:
             InputError: the file cannot be read, lacks a column, or holds something else than rows
@@ -179,6 +181,8 @@ class RunReader:
             with path.open(newline="", encoding="utf-8") as file:
                 rows = list(csv.reader(file))
             head = [plain_cell(cell) for cell in rows.pop(0)] if rows else []
+            if name in ("ledger.csv", "gas.csv"):
+                head = without_units(head)
             if rows and len(rows[-1]) != len(head):
                 rows.pop()
             values = np.array([[float(word) for word in row] for row in rows])

@@ -29,6 +29,12 @@ AXES: dict[AxisName, int] = {"x": 0, "y": 1, "z": 2}
 # Quantities of `GasState`; attributes of `gas.contract.ChamberState`
 GasQuantity = Literal["pressure", "temperature", "volume", "mass"]
 GAS: tuple[GasQuantity, ...] = get_args(GasQuantity)
+GAS_UNITS: dict[GasQuantity, str] = {
+    "pressure": "Pa",
+    "temperature": "K",
+    "volume": "m³",
+    "mass": "kg",
+}
 
 
 @check_arguments

@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.ending import (
@@ -66,6 +65,8 @@ _COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
 _SAME_TIME = 1e-9
 # Most steps of equal length of a run: years, at a millisecond for each.
 MAX_STEPS = 1e11
+# Rejected steps are cut to 1/256 of their length at most, unless told otherwise.
+HALVINGS = 8
 
 
 @check_arguments
@@ -76,7 +77,8 @@ class Simulation:
         scene: bodies, gas, constraints, loads, contacts.
         stepper: time stepping rule, e.g. `Midpoint(dt=1e-3)`.
         outputs: e.g. `Series`, `Recording`, `Ledger`, `outputs.Progress`.
-        halvings: how often a step that does not converge may be halved.
+        halvings: how often a step that does not converge may be halved, 8 times by default;
+            without a control, whose `min_step` limits that.
         control: adapts the length of steps; None: steps of the stepper's dt.
         events: `At` or `When`.
         checkpoints: where and how often the run is saved.
@@ -121,7 +123,7 @@ class Simulation:
         stepper: Stepper,
         *,
         outputs: Sequence[Output] = (),
-        halvings: int = 8,
+        halvings: int | None = None,
         control: StepControl | None = None,
         events: Sequence[Event] = (),
         checkpoints: Checkpoints | None = None,
@@ -137,12 +139,19 @@ class Simulation:
         check(
             restart is not None or not changes, "There are changes, but no restart; leave them out."
         )
+        check(
+            control is None or halvings is None,
+            f"halvings is {halvings!r}, but the control divides steps; give it min_step instead.",
+        )
         self.comm = scene.comm
         started = time.perf_counter()
         self.system = scene.compile(stepper.rule)
         self.solver = stepper.start(self.system)
-        self.stepping: Stepping = EqualSteps(self.system, self.solver, stepper.dt, halvings)
-        if control is not None:
+        self.stepping: Stepping
+        if control is None:
+            most = HALVINGS if halvings is None else halvings
+            self.stepping = EqualSteps(self.system, self.solver, stepper.dt, most)
+        else:
             self.stepping = control.start(self.system, self.solver, stepper.dt)
         self.compile_seconds = time.perf_counter() - started
         carriers: list[Carrier] = [self.solver]
@@ -523,9 +532,6 @@ class Simulation:
         # steps.
         if abs(milestone - self.time) <= _SAME_TIME * stepping.wanted:
             self.system.time = milestone
-        # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask for
-        # this.
-        PETSc.garbage_cleanup(self.comm)
         return ended
 
     def _switch(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
@@ -79,6 +79,11 @@ class StartFrom:
     The other scene is, for example, that of an equilibrium.  Axes and angles of hinges count from
     the bodies as they were made, and have turned with them.  A reduced film also starts from its
     full one: from the part of that shape which its modes hold.
+
+    Of items that are in both scenes, as the same objects, it also takes pairs in contact with their
+    stiffness, rest angles of creases that yield, paid out lengths of braked ropes, largest strains
+    of cords and what latches hold; of creases and ropes if both scenes have the same ones.  Gas
+    begins with the pressure of its chamber, and time with zero.
 
     Args:
         system: the other scene's system, e.g. `equilibrium.system`.
@@ -278,8 +283,10 @@ class Scene:
                 )
         start = InitialState(self.bodies, self.comm)
         conditions = [item for item in self.items if isinstance(item, InitialCondition)]
-        # Rigid motions last: their velocities are those where others have put the bodies.
-        for condition in sorted(conditions, key=lambda one: isinstance(one, RigidMotion)):
+        # Fold maps act first, then constraints, whose pieces follow the folded films, then another
+        # scene as start, and rigid motions, whose velocities are those where the bodies are.
+        late = (RigidMotion, StartFrom, BringsTerms)
+        for condition in sorted(conditions, key=lambda one: [isinstance(one, k) for k in late]):
             condition.initialise(start)
         items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
         system = System(start, items, rule or PathAverage())
@@ -291,4 +298,7 @@ class Scene:
             system.scalar_unknowns.append(kind(alike, system))
         # Last: masses, constraints and gas start from the complete initial state.
         system.initialise()
+        for condition in conditions:
+            if isinstance(condition, StartFrom):
+                system.take_shape_history(cast(System, condition.system))
         return system

@@ -249,10 +249,9 @@ class Newton:
             NotConverged: with PETSc's reason and where the residual is largest.
             Inadmissible: with what is wrong with the solution, e.g. that films intersect.
         """
-        if self.system.rule.is_static:
-            # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask
-            # for this, as runs do after each step.
-            PETSc.garbage_cleanup(self.system.comm)
+        # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask for
+        # this: here, so that those of a rejected step are freed before the next attempt.
+        PETSc.garbage_cleanup(self.system.comm)
         self.convergence = ConvergenceTest(self.tolerances, bool(self.system.active_sets))
         # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from
         # there.

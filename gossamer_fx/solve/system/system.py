@@ -15,6 +15,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
 from gossamer_fx.core.algebra.rotations import LAST, NEXT
 from gossamer_fx.core.checks.errors import check
@@ -25,6 +26,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
     Compiler,
     Differentiable,
+    HistoryVariables,
     ItemTerms,
     Multipliers,
     Shown,
@@ -40,6 +42,9 @@ from gossamer_fx.solve.system.totals import Totals
 # many steps and the tolerance of Newton's iteration.  Films and plates at rest were measured to
 # need 3 in 40 steps and 30 in 3000.
 REST_UNITS = 300.0
+
+# Gaps of constraints at the start, over their size, that are above round-off.
+GAP = 1e-14
 
 
 class Increment:
@@ -100,12 +105,14 @@ class Increment:
     def force_scale(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
         """Reference force [N] for the round-off of a residual, the norm of what cancels in it:
         diag(K) q1 and diag(c M)(w + o), from the diagonal of the tangent, diag(K) + diag(c M)
-        [N/m].  Collective."""
+        [N/m].  Fixed coordinates do not count: their forces are reactions.  Collective."""
         inertia = self._diagonal_inertia(M)
         offset = 0.0 if self._offset is None else self._offset.array_r
         elastic = (diagonal.array_r - inertia) * q1.array_r
         inertial = inertia * (self._w.array_r + offset)
-        square = float(elastic @ elastic + inertial @ inertial)
+        forces = np.stack([elastic, inertial])
+        forces[:, self._supports.held] = 0.0
+        square = float(np.vdot(forces, forces))
         if self._comm.size > 1:
             square = self._comm.allreduce(square)
         return square**0.5
@@ -320,10 +327,71 @@ class System:
             self.supports.hold(self.constraints.idle(free, self.q0))
         self.q0.copy(self.previous)
         self.restart()
+        if self.constraints and not self.rule.is_static and self._close_gaps():
+            self.q0.copy(self.previous)
+            self.restart()
         # Gas starts from the volumes of the initial state, which are known now.
         for scalars in self.scalar_unknowns:
             scalars.start()
         self._build_matrices()
+
+    def take_shape_history(self, other: System) -> None:
+        """Take the history variables of items that are in another scene, too, from whose shape this
+        one starts.  Kinds of terms that have them together are to have the same items.
+        Collective."""
+        pairs: list[tuple[object, object]] = []
+        for each in self._items:
+            # The other scene may lack the item.
+            for term, before in zip(each.terms, other.terms_of(each.item), strict=False):
+                pairs += [(part, getattr(before, name, None)) for name, part in vars(term).items()]
+        for compiled in self.compiled_as(HistoryVariables):
+            kind = type(compiled)
+            if self._items_of(kind) == other._items_of(kind):
+                pairs += [(compiled, there) for there in other.compiled_as(kind)]
+        for part, source in pairs:
+            if isinstance(part, HistoryVariables) and isinstance(source, HistoryVariables):
+                history = source.shape_history()
+                if history is not None:
+                    part.set_history(history)
+        if self.constraints and self.constraints.can_switch:
+            # What latches hold now, the velocities have to fit.
+            self.constraints.validate(self.q0, self.v0, self.free_marks())
+
+    def _items_of(self, kind: type) -> list[int]:
+        """The items whose terms a class compiles, by identity: an item for each of its terms."""
+        return [
+            id(each.item) for each in self._items for term in each.terms if term.compiler is kind
+        ]
+
+    def _close_gaps(self) -> bool:
+        """Move the coordinates at the start by as little as closes the gaps that `validate` allows,
+        and return whether there are any.  The first step of length h would close a gap d with the
+        velocity 2d/h, and no later one would end it.  Collective."""
+        assert self.constraints is not None, "the caller asks whether there are constraints"
+        r = self.numbering.vector()
+        self.constraints.add_forces(r)
+        _, gap = self.imbalance(r)
+        if gap <= GAP:
+            return False
+        # Least squares of the moves over the extent of the scene, and of those of directors.
+        multipliers = self.constraints.owned
+        weights = self.numbering.vector()
+        of_vectors = np.where(self.position_marks, self.initial.extent() ** -2.0, 1.0)
+        weights.array[: multipliers.start] = np.repeat(of_vectors, 3)
+        A = self.numbering.matrix()
+        self.constraints.add_tangents(A)
+        A.setDiagonal(weights, addv=PETSc.InsertMode.ADD_VALUES)
+        A.assemble()
+        self.supports.clear(A, 1.0)
+        r.array[self.supports.held] = 0.0
+        move = self.numbering.vector()
+        problem = factorisation.solve(A, r, move)
+        if not problem:
+            move.array[multipliers] = 0.0
+            self.q0.axpy(-1.0, move)
+        for thing in (r, weights, A, move):
+            thing.destroy()
+        return not problem
 
     def free_marks(self) -> PETSc.Vec:
         """A new vector with 0 at coordinates that are held, else 1."""

@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
+from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
@@ -218,15 +219,11 @@ class LargeTurns:
         thickness = [self._mesh.radius[points].max(initial=0.0) for points in (mine, others)]
         reach += float(maximum_over_ranks(self._mesh.comm, np.array(thickness)).sum())
         ends = np.vstack([distances.x[others], x1[others]])
-        # The box round the other one, of all ranks together: greatest coordinates, then the least
-        # ones with the opposite sign.
-        corners = np.concatenate(
-            [ends.max(axis=0, initial=-np.inf), -ends.min(axis=0, initial=np.inf)]
-        )
-        corners = maximum_over_ranks(self._mesh.comm, corners)
+        # Of the other one, of all ranks together.
+        low, high = box(self._mesh.comm, ends)
         lower = turn.centre.min(axis=0) - reach
         upper = turn.centre.max(axis=0) + reach
-        is_apart = (-corners[3:] > upper) | (corners[:3] < lower)
+        is_apart = (low > upper) | (high < lower)
         return not is_apart.any()
 
     def _radius(self, k: int, turn: _Turn, x0: Array, x1: Array) -> float:
