@@ -6,6 +6,10 @@ import numpy as np
 
 from gossamer_fx.core.model.body import Array, unit
 
+# Components of a cross product: (a × b)[i] = a[NEXT[i]] b[LAST[i]] - a[LAST[i]] b[NEXT[i]].
+NEXT = [1, 2, 0]
+LAST = [2, 0, 1]
+
 
 def cross_matrices(a: Array) -> Array:
     """Skew matrices [a]× (..., 3, 3) of vectors a (..., 3), in their unit, such that [a]× b = a ×

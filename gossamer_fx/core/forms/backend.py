@@ -69,7 +69,6 @@ __all__ = [
     "gmsh_order",
     "interpolation_points",
     "loaded_kernel",
-    "pack_constants",
     "submesh_of",
     "values_and_rows",
 ]
@@ -223,11 +222,6 @@ def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
     components = int(np.prod(expression.ufl_expression.ufl_shape, dtype=int))
     width = expression.X().shape[0] * components
     return np.asarray(values).reshape(len(cells), width)
-
-
-def pack_constants(compiled: fem.Form | fem.Expression) -> Array:
-    """The present values of all constants of a compiled form or expression, one after the other."""
-    return np.asarray(dolfinx.cpp.fem.pack_constants(compiled._cpp_object))
 
 
 def values_and_rows(function: Any) -> tuple[Array, Indices]:

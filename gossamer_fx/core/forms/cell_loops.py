@@ -10,7 +10,7 @@ has no arguments to convert.  What is computed, and the order of sums, are those
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
-from ufl.algorithms.analysis import extract_coefficients
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from gossamer_fx.core.forms.backend import (
     Array,
@@ -27,7 +27,6 @@ from gossamer_fx.core.forms.backend import (
     add_to_vector,
     cell_integral,
     geometry_nodes,
-    pack_constants,
     values_and_rows,
 )
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
@@ -45,13 +44,13 @@ class CellFunction:
         address: of the function.
         coefficients: functions of dolfinx's C++ library whose values in the cell are its arguments,
             in this order.
-        constants: returns the present values of its constants, one after the other.
+        constants: arrays that hold the present values of its constants.
         owner: what has to exist as long as it is called.
     """
 
     address: int
     coefficients: tuple[Any, ...]
-    constants: Callable[[], Array]
+    constants: Sequence[Array]
     owner: object
 
 
@@ -67,9 +66,14 @@ def cell_function(expression: fem.Expression) -> CellFunction:
     return CellFunction(
         address=_address(compiled),
         coefficients=tuple(coefficients[position]._cpp_object for position in positions),
-        constants=lambda: pack_constants(expression),
+        constants=_values(extract_constants(expression.ufl_expression)),
         owner=expression,
     )
+
+
+def _values(constants: Sequence[fem.Constant]) -> list[Array]:
+    """The arrays that hold the present values of constants."""
+    return [constant._cpp_object.value for constant in constants]
 
 
 def _address(compiled: Any) -> int:
@@ -154,23 +158,24 @@ class PreparedFunction:
         """Take the values of `in_place_of` for the functions that are its keys."""
         self._cells = cells
         self._function = function
-        self._constants = np.array(function.constants(), dtype=np.float64)
         c = cells.library
+        constants = [values.reshape(-1) for values in function.constants]
+        sources = [
+            {"values": c.array("constant", one, "float64", one.shape), "count": one.size}
+            for one in constants
+        ]
         arguments = [in_place_of.get(f) or cells.values_of(f) for f in function.coefficients]
         # cffi does not keep alive what the members of an array of structures point at.
-        self._kept = [one.fields(c) for one in arguments]
+        self._kept = [one.fields(c) for one in arguments], sources
         self.fields = {
             "function": function.address,
-            "constants": c.array("constants", self._constants, "float64", self._constants.shape),
+            "constants": cells.work(sum(one.size for one in constants)),
+            "source_count": len(sources),
+            "sources": c.ffi.new("constant_value[]", sources),
             "argument_count": len(arguments),
-            "arguments": c.ffi.new("cell_values[]", self._kept),
+            "arguments": c.ffi.new("cell_values[]", self._kept[0]),
             "packed": cells.work(sum(one.width for one in arguments)),
         }
-
-    def read_constants(self) -> None:
-        """Take the present values of the constants."""
-        if self._constants.size:
-            self._constants[:] = self._function.constants()
 
     def applied(self, loop: str, to: CStruct, width: int) -> Callable[[], Any]:
         """Return what calls a C loop, such as "set_in_cells", with the function; `to` is where the
@@ -181,8 +186,9 @@ class PreparedFunction:
         work = self._cells.work(width)
         call = getattr(c.lib, loop)
 
-        def apply() -> Any:
-            self.read_constants()
+        # The function is kept for its arrays: cffi does not keep what members of structures in
+        # arrays point at.
+        def apply(_kept: PreparedFunction = self) -> Any:
             return call(function.pointer, cells.pointer, to.pointer, work)
 
         return apply
@@ -199,11 +205,14 @@ def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[
 
 
 def prepared_integral(
-    form: fem.Form, only: Indices | None = None
+    form: fem.Form,
+    only: Indices | None = None,
+    in_place_of: Mapping[Any, CellValues] | None = None,
 ) -> tuple[PreparedFunction, Cells, Indices] | None:
     """The C function of a compiled form that is one integral over cells, the cells, and the rows of
     the nodes of its space there (cells, k); None: it is not.  `only` are the local numbers of some
-    of the cells.  Collective."""
+    of the cells, which may occur several times; `in_place_of` as of `PreparedFunction`.
+    Collective."""
     found = cell_integral(form)
     if found is None:
         return None
@@ -212,12 +221,12 @@ def prepared_integral(
     function = CellFunction(
         address=_address(integral),
         coefficients=tuple(form._cpp_object.coefficients),
-        constants=lambda: pack_constants(form),
+        constants=_values(form.constants),  # type: ignore[attr-defined]
         owner=form,
     )
     space: Any = form.function_spaces[0]
     rows = space.dofmap.map()[cells.numbers]
-    return PreparedFunction(function, cells, {}), cells, rows
+    return PreparedFunction(function, cells, in_place_of or {}), cells, rows
 
 
 def assembly(form: fem.Form, values: Array) -> Callable[[], Any]:

@@ -37,6 +37,14 @@ static inline double *gather(const cell_values *from, ptrdiff_t cell, double *re
     return to;
 }
 
+/* Take the present values of a function's constants, before it is called in the first cell. */
+static void read_constants(const cell_function *f)
+{
+    double *to = f->constants;
+    for (ptrdiff_t k = 0; k < f->source_count; k++)
+        for (ptrdiff_t i = 0; i < f->sources[k].count; i++) *to++ = f->sources[k].values[i];
+}
+
 /* Evaluate a function in one cell: values (value_count). */
 static void call(const cell_function *f, const cell_set *cells, ptrdiff_t cell, double *values,
                  ptrdiff_t value_count)
@@ -62,6 +70,7 @@ static inline void set_in_cell(const cell_values *to, ptrdiff_t cell, const doub
 void set_in_cells(const cell_function *f, const cell_set *cells, const cell_values *to,
                   double *work)
 {
+    read_constants(f);
     for (ptrdiff_t cell = 0; cell < cells->count; cell++) {
         call(f, cells, cell, work, to->node_count * to->size);
         set_in_cell(to, cell, work);
@@ -71,6 +80,7 @@ void set_in_cells(const cell_function *f, const cell_set *cells, const cell_valu
 void add_in_cells(const cell_function *f, const cell_set *cells, const cell_values *to,
                   double *work)
 {
+    read_constants(f);
     for (ptrdiff_t cell = 0; cell < cells->count; cell++) {
         call(f, cells, cell, work, to->node_count * to->size);
         const double *added = work;
@@ -100,6 +110,7 @@ int add_to_blocks(const cell_function *f, const cell_set *cells, const block_mat
     const ptrdiff_t size = to->size;
     const ptrdiff_t k = to->node_count;
     const ptrdiff_t width = k * size;
+    read_constants(f);
     for (ptrdiff_t cell = 0; cell < cells->count; cell++) {
         call(f, cells, cell, work, width * width);
         const int32_t *positions = to->positions + cell * k * k;

@@ -24,11 +24,19 @@ typedef struct {
     double *x;             /* (corners.node_count, 3) work */
 } cell_set;
 
+/* A number or an array that is the same in all cells, and may change between calls. */
+typedef struct {
+    const double *values;
+    ptrdiff_t count;
+} constant_value;
+
 /* A compiled function of the values in one cell, with the signature that FFCx gives to expressions
    and integrals. */
 typedef struct {
     uintptr_t function;
-    const double *constants;
+    double *constants;     /* work: the present values of all sources, one after the other */
+    ptrdiff_t source_count;
+    const constant_value *sources;
     ptrdiff_t argument_count;
     const cell_values *arguments;
     double *packed;        /* (sum of node_count size) work: the arguments in one cell */

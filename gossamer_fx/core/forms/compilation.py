@@ -109,7 +109,10 @@ def compile_form(form: ufl.Form) -> fem.Form:
         key.add_integral(integral)
 
     def make(form: ufl.Form) -> fem.Form:
-        return fem.form(form, jit_options=kernel_options())
+        compiled: Any = fem.form(form, jit_options=kernel_options())
+        # In the order of the kernel; dolfinx has them in C++ only.
+        compiled.constants = form.constants()
+        return compiled
 
     return _with_kernel(key, form, make)
 

@@ -242,7 +242,7 @@ class StepDistances:
             lower_bound = start.gap - self.approach
             stays_far = lower_bound - PREDICTION_MARGIN * self.approach > far
         self.end = PairDistances(candidates, x1, lower_bound)
-        self.end.make_exact(np.flatnonzero(~stays_far))
+        self.end.make_exact((~stays_far).nonzero()[0])
 
     def violations(self, activation_distance: Array, among: MaskArray) -> np.ndarray:
         """Return the indices (k,) of contact pairs that all but pass through each other in the

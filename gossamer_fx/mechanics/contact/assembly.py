@@ -12,6 +12,7 @@ of a block in the array `blocks`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,13 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.forms.c_source import check_indices
-from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.contract import (
+    Array,
+    ByteArray,
+    ContactAssembly,
+    Int32Array,
+    Int64Array,
+)
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
@@ -178,11 +185,11 @@ class BlockAssembly:
         """Divide the 3 x 3 blocks into those on the diagonal and those off it, which are announced
         to the ranks that own their rows; collective.  `rows, columns`: block rows (b,) of each
         block, as this rank numbers them."""
-        diagonal = np.flatnonzero(rows == columns)
+        diagonal = (rows == columns).nonzero()[0]
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
         diagonal_rows = rows[self._diagonal]
         self._diagonal_csr = self._csr(diagonal_rows, diagonal_rows, self._first_dof)
-        coupling = np.flatnonzero(rows != columns)
+        coupling = (rows != columns).nonzero()[0]
         if self._comm.size > 1:
             self._send_to_owners(coupling, rows, columns)
         else:
@@ -193,9 +200,27 @@ class BlockAssembly:
         of_rows = marks[self._coupling_rows]
         of_columns = marks[self._coupling_columns]
         # Most contacts have few blocks with fixed coordinates, or none.
-        self._fixed: Int64Array = np.flatnonzero(~(of_rows.all(axis=1) & of_columns.all(axis=1)))
-        free_entries = of_rows[self._fixed, :, None] * of_columns[self._fixed, None]
+        fixed = np.flatnonzero(~(of_rows.all(axis=1) & of_columns.all(axis=1)))
+        free_entries = of_rows[fixed, :, None] * of_columns[fixed, None]
         self._free_entries = free_entries.reshape(-1, 9)
+        # Blocks of this rank's block rows, and what finds those that are not zero.
+        self._own_blocks = self.blocks
+        index = self._sent
+        if self._comm.size > 1:
+            self._own_blocks = np.zeros((len(self._coupling_rows), 9))
+            index = np.arange(len(self._coupling_rows), dtype=np.int32)
+        self._own_index = index
+        self._fixed = index[fixed]
+        count = len(index)
+        self._is_nonzero: ByteArray = np.empty(count, dtype=np.uint8)
+        c = library()
+        self._find_nonzero = partial(
+            c.lib.find_nonzero_blocks,
+            count,
+            c.array("index", index, "int32", (count,)),
+            c.array("blocks", self._own_blocks, "float64", (len(self._own_blocks), 9)),
+            c.array("is_nonzero", self._is_nonzero, "uint8", (count,), writable=True),
+        )
 
     def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
         """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
@@ -308,17 +333,16 @@ class BlockAssembly:
         """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows; collective.
         The results are `_entries` (k, 9), with `_entry_rows` and `_entry_columns` (k,).  Blocks
         that are zero are left out; rows and columns of fixed coordinates become zero."""
-        blocks = self.blocks
-        index = self._sent
+        blocks = self._own_blocks
         if self._comm.size > 1:
-            blocks = np.zeros((len(self._coupling_rows), 9))
-            index = np.arange(len(self._coupling_rows), dtype=np.int32)
+            blocks[:] = 0
             np.add.at(blocks, self._received, self._exchange.send(self.blocks[self._sent]))
-        blocks[index[self._fixed]] *= self._free_entries
-        nonzero = _nonzero_blocks(blocks, index)
+        blocks[self._fixed] *= self._free_entries
+        self._find_nonzero()
+        nonzero = self._is_nonzero.nonzero()[0]
         self._entry_rows = self._coupling_rows[nonzero]
         self._entry_columns = self._coupling_columns[nonzero]
-        self._entries = blocks[index[nonzero]]
+        self._entries = blocks[self._own_index[nonzero]]
 
     def _csr(
         self, block_rows: np.ndarray, block_columns: np.ndarray, first_dof: Int64Array
@@ -369,18 +393,3 @@ def _unrolled(
     order[entry] = np.arange(9 * total)
     in_block = columns[:, None, None] + column_in_block + 0 * row_in_block
     return in_block.ravel()[order], order
-
-
-def _nonzero_blocks(blocks: Array, index: Int32Array) -> np.ndarray:
-    """Return which blocks have an entry that is not zero. `index`: numbers (k,) of the blocks that
-    are asked for."""
-    c = library()
-    count = len(index)
-    is_nonzero = np.empty(count, dtype=np.uint8)
-    c.lib.find_nonzero_blocks(
-        count,
-        c.array("index", index, "int32", (count,)),
-        c.array("blocks", blocks, "float64", (len(blocks), 9)),
-        c.array("is_nonzero", is_nonzero, "uint8", (count,), writable=True),
-    )
-    return np.flatnonzero(is_nonzero)

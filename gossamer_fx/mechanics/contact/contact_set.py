@@ -506,7 +506,7 @@ class ContactSet:
 
     def end_points(self) -> Array:
         """Return the points (m, 3) [m] at the end of the step, as iterated."""
-        return self.points.at(self.system.q1, self._end_time)
+        return self.mesh.points.at(self.system.q1, self._end_time)
 
     def inadmissible(self) -> str:
         """Report what passed through something else in the step, or all but did: a clause that
@@ -546,7 +546,8 @@ class ContactSet:
         for body in self.mesh.bodies:
             owned = self.system.block(body).owned
             rows = update[owned].reshape(-1, body.block.size)
-            way = np.sqrt(np.einsum("nc,nc->n", rows[:, :3], rows[:, :3]))
+            x, y, z = rows[:, :3].T
+            way = np.sqrt(x * x + z * z + y * y)
             # A whole node keeps the direction of its update.
             if way.max(initial=0.0) > longest:
                 rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
@@ -556,7 +557,7 @@ class ContactSet:
     def add_forces(self, r: PETSc.Vec) -> None:
         if self.pairs is not None:
             self.forces.compute(self.x0, self.end_points())
-            self.points.add(self.forces.point_forces, r)
+            self.mesh.points.add(self.forces.point_forces, r)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the blocks on the diagonal of the tangent [N/m]; `coupling_matrices` has the others.

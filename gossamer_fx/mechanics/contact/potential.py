@@ -58,8 +58,9 @@ Trans. Graph. 39 (2020) 49, doi:10.1145/3386569.3392425.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -89,21 +90,6 @@ class PairState(IntEnum):
     NO_CONTACT = 0
     TOUCHES = 1
     PASSED = 2
-
-
-@dataclass
-class PairResponse:
-    """What n pairs do in a step.
-
-    Attributes:
-        state: of each pair (n,), a `PairState`.
-        forces: on the four points of each pair (n, 12) [N], or None.
-        tangents: their derivatives (n, 144) [N/m] by the end of the step, or None.
-    """
-
-    state: ByteArray
-    forces: Array | None = None
-    tangents: Array | None = None
 
 
 def activate(
@@ -194,6 +180,113 @@ def unit_energies(pairs: ActivePairs, scaled_distance: Array, law: ContactLaw) -
     return energy
 
 
+class PairEvaluation:
+    """Forces and tangents of n contact pairs in a step, for one iterate after the other: what C
+    reads and writes is prepared once.
+
+    Args:
+        point_count: m, the number of points.
+        alpha: weight of the end in the configuration where forces act; where the rule of the step
+            takes forces at its end alone, its start is not used.
+        state: array (n,) for what each pair does; None: a new one.
+        point_forces: array (m, 3) [N] to which the forces are added.
+        block_index, blocks: rows (n, 16) of `blocks` for each two points of a pair, and the array
+            (b, 9) [N/m] to which the tangents are added.
+        by_pair, tangents_by_pair: whether forces and tangents of each pair are wanted.
+
+    Attributes:
+        state: of each pair (n,), a `PairState`; each call overwrites this array and the next ones.
+        forces: on the four points of each pair (n, 12) [N], or None.
+        tangents: their derivatives (n, 144) [N/m] by the end of the step, or None.
+    """
+
+    def __init__(
+        self,
+        pairs: ActivePairs,
+        point_count: int,
+        law: ContactLaw,
+        alpha: float,
+        *,
+        state: ByteArray | None = None,
+        point_forces: Array | None = None,
+        block_index: Int32Array | None = None,
+        blocks: Array | None = None,
+        by_pair: bool = False,
+        tangents_by_pair: bool = False,
+    ) -> None:
+        # The compiled C library of contact, which checks the arrays that it gets
+        c = library()
+        count = len(pairs)
+        shape = (point_count, 3)
+        self.state = np.empty(count, dtype=np.uint8) if state is None else state
+        # What is None is not computed: C gets a null pointer for it.
+        self.forces = np.empty((count, 12)) if by_pair else None
+        self.tangents = np.empty((count, 144)) if tangents_by_pair else None
+        self._pairs = pairs
+        self._is_state = acts_at_end(alpha)
+        # In statics the force is the gradient at the end, whose closest points it needs.
+        self._needs_start = pairs.start is None or self._is_state
+        self._start = np.empty((count, 4)) if self._needs_start else np.asarray(pairs.start)
+        self._x0 = np.empty(shape)
+        self._x1 = np.empty(shape)
+        step = {
+            "x0": c.array("x0", self._x0, "float64", shape),
+            "x1": c.array("x1", self._x1, "float64", shape),
+            "alpha": alpha,
+            "is_state": self._is_state,
+            "geometric_share": 1.0,
+            "push_back": PUSH_BACK,
+        }
+
+        def written(name: str, values: Array | None, shape: tuple[int, ...]) -> Any:
+            return c.array(name, values, "float64", shape, writable=True)
+
+        block_count = 0 if blocks is None else len(blocks)
+        response = {
+            "state": c.array("state", self.state, "uint8", (count,), writable=True),
+            "state_is_known": False,
+            "point_forces": written("point_forces", point_forces, shape),
+            "block_index": c.array("block_index", block_index, "int32", (count, 16)),
+            "blocks": written("blocks", blocks, (block_count, 9)),
+            "pair_forces": written("forces", self.forces, (count, 12)),
+            "pair_tangents": written("tangents", self.tangents, (count, 144)),
+        }
+        self._table = _active_pairs(pairs, self._start, law)
+        self._step = c.struct("contact_step", step)
+        self._response = c.struct("contact_response", response)
+        self._evaluate = c.lib.evaluate_pairs
+
+    def __call__(
+        self,
+        x0: Array,
+        x1: Array,
+        *,
+        push_back: float = PUSH_BACK,
+        geometric_share: float = 1.0,
+        is_known: bool = False,
+    ) -> None:
+        """Compute what is wanted in a step from points x0 to x1 (m, 3) [m].
+
+        `push_back`: stiffness of pairs that passed through, over their own [-]; zero for a step
+        that was accepted, whose pairs are then treated alike in both directions of time.
+        `geometric_share`: of the geometric stiffness in tangents [-], which may make them
+        indefinite.  `is_known`: whether states are those of an earlier call for this step.
+        """
+        # Most contacts have no obstacles, or touch none of them.
+        if not self.state.size:
+            return
+        self._x0[:] = x0
+        self._x1[:] = x1
+        if self._needs_start:
+            base = self._x1 if self._is_state else self._x0
+            self._start[:] = pair_starts(self._pairs, base, *closest_points(self._pairs, base))
+        step = self._step.pointer
+        step.geometric_share = geometric_share
+        step.push_back = push_back
+        self._response.pointer.state_is_known = is_known
+        self._evaluate(self._table.pointer, step, self._response.pointer)
+
+
 def evaluate(
     pairs: ActivePairs,
     x0: Array,
@@ -201,85 +294,15 @@ def evaluate(
     law: ContactLaw,
     alpha: float,
     *,
-    point_forces: Array | None = None,
-    block_index: Int32Array | None = None,
-    blocks: Array | None = None,
-    by_pair: bool = False,
-    tangents_by_pair: bool = False,
-    geometric_share: float = 1.0,
-    known_state: ByteArray | None = None,
     push_back: float = PUSH_BACK,
-    table: CStruct | None = None,
-) -> PairResponse:
-    """Compute forces and tangents of n contact pairs in a step from points x0 to x1 (m, 3) [m].
-
-    Args:
-        alpha: weight of the end in the configuration where forces act; where the rule of the step
-            takes forces at its end alone, x0 is not used.
-        point_forces: array (m, 3) [N] to which the forces are added.
-        block_index, blocks: rows (n, 16) of `blocks` for each two points of a pair, and the array
-            (b, 9) [N/m] to which the tangents are added.
-        by_pair, tangents_by_pair: whether the result has the forces and tangents of each pair.
-        geometric_share: share [-] of the geometric stiffness in tangents, which may make them
-            indefinite.
-        known_state: what each pair does (n,), from an earlier call for the same step.
-        push_back: stiffness of pairs that passed through, over their own [-]; zero for a step that
-            was accepted, whose pairs are then treated alike in both directions of time.
-        table: the pairs for C, from `step_table`; None: it is made.
-    """
-    # The compiled C library of contact, which checks the arrays that it gets
-    c = library()
-    count = len(pairs)
-    points = len(x0)
-    # What is None is not computed: C gets a null pointer for it.
-    state = np.empty(count, dtype=np.uint8) if known_state is None else known_state
-    forces = np.empty((count, 12)) if by_pair else None
-    tangents = np.empty((count, 144)) if tangents_by_pair else None
-    # Most contacts have no obstacles, or touch none of them.
-    if not count:
-        return PairResponse(state, forces, tangents)
-    start = pairs.start
-    is_state = acts_at_end(alpha)
-    if start is None or is_state:
-        base = x1 if is_state else x0
-        # In statics the force is the gradient at x1, whose closest points it needs.
-        start = pair_starts(pairs, base, *closest_points(pairs, base))
-        table = None
-    block_count = 0 if blocks is None else len(blocks)
-    step = c.struct(
-        "contact_step",
-        {
-            "x0": c.array("x0", x0, "float64", (points, 3)),
-            "x1": c.array("x1", x1, "float64", (points, 3)),
-            "alpha": alpha,
-            "is_state": is_state,
-            "geometric_share": geometric_share,
-            "push_back": push_back,
-        },
-    )
-    response = c.struct(
-        "contact_response",
-        {
-            "state": c.array("state", state, "uint8", (count,), writable=True),
-            "state_is_known": known_state is not None,
-            "point_forces": c.array(
-                "point_forces", point_forces, "float64", (points, 3), writable=True
-            ),
-            "block_index": c.array("block_index", block_index, "int32", (count, 16)),
-            "blocks": c.array("blocks", blocks, "float64", (block_count, 9), writable=True),
-            "pair_forces": c.array("forces", forces, "float64", (count, 12), writable=True),
-            "pair_tangents": c.array("tangents", tangents, "float64", (count, 144), writable=True),
-        },
-    )
-    if table is None:
-        table = _active_pairs(pairs, start, law)
-    c.lib.evaluate_pairs(table.pointer, step.pointer, response.pointer)
-    return PairResponse(state, forces, tangents)
-
-
-def step_table(pairs: ActivePairs, law: ContactLaw) -> CStruct:
-    """Return the pairs of a step for C: made once, as all iterations of the step evaluate them."""
-    return _active_pairs(pairs, pairs.start, law)
+    known_state: ByteArray | None = None,
+    **wanted: Any,
+) -> PairEvaluation:
+    """Compute forces and tangents of contact pairs once, see `PairEvaluation`; `known_state` (n,)
+    is that of an earlier call for the same step."""
+    evaluation = PairEvaluation(pairs, len(x0), law, alpha, state=known_state, **wanted)
+    evaluation(x0, x1, push_back=push_back, is_known=known_state is not None)
+    return evaluation
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:

@@ -233,7 +233,7 @@ class PointInCylinder(Room):
 def stencils_of(kind: ByteArray) -> Iterator[tuple[PairStencil, Any]]:
     """Yield each stencil among pairs of the kinds (n,), and its rows as a mask, or a slice of
     all."""
-    present = np.flatnonzero(np.bincount(kind))
+    present = np.bincount(kind).nonzero()[0]
     if len(present) == 1:
         # The usual scene of boundaries, or a table of one kind, is not copied.
         yield STENCILS[int(present[0])], slice(None)

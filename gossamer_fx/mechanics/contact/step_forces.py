@@ -11,6 +11,7 @@ The pairs are divided into two tables, since their tangents are assembled in two
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,11 +31,10 @@ from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import (
     PUSH_BACK,
     ContactLaw,
-    PairResponse,
+    PairEvaluation,
     PairState,
     evaluate,
     reversed_pairs,
-    step_table,
 )
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ class StepForces:
         friction: if there is any.
         push_back: stiffness of pairs that passed through, over their own [-].
         point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
-        acting_count: number of pairs with a force there.
         assembly: of the tangent; it has the blocks off the diagonal.
     """
 
@@ -62,7 +61,6 @@ class StepForces:
     ) -> None:
         self.friction = friction
         self.push_back = PUSH_BACK
-        self.acting_count = 0
         self._points = points
         self._law = law
         self._system = system
@@ -71,13 +69,24 @@ class StepForces:
         self._alpha = system.rule.alpha
         # Whether the ends of the step were exchanged, in which friction has no part.
         self._is_reversed = False
-        # What both tables of pairs do at the last residual; None before the first one.
-        self._last_states: tuple[ByteArray, ByteArray] | None = None
+        # Points (m, 3) at the end of the step at the last residual; None before the first one.
+        self._last_end: Array | None = None
+        self._states: list[ByteArray] = []
+        self.point_forces: Array = np.zeros((0, 3))
         self.clear()
+
+    @property
+    def acting_count(self) -> int:
+        """Number of pairs with a force at the last residual."""
+        return sum(np.count_nonzero(state) for state in self._states)
 
     def clear(self) -> None:
         """Set the forces to zero, with a row for each point that this rank knows."""
-        self.point_forces: Array = np.zeros((self._points.count, 3))
+        count = self._points.count
+        # The array stays if it can: pairs that were prepared add to it.
+        if len(self.point_forces) != count:
+            self.point_forces = np.zeros((count, 3))
+        self.point_forces[:] = 0
 
     def take_state(self, pairs: ActivePairs, x: Array) -> None:
         """Take the forces of pairs in the state x (m, 3) [m] alone, without friction, in place of
@@ -96,7 +105,6 @@ class StepForces:
         self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
         self._obstacle_pairs = pairs.rows(~is_of_bodies)
-        self._make_tables()
         block_rows, self._row_weights = self._points.block_rows_of(self._obstacle_pairs.points)
         # Block rows (n, k) of the pairs with friction, by groups.
         rubbing = [] if self.friction is None else self.friction.begin_step(pairs, x0)
@@ -106,8 +114,7 @@ class StepForces:
         if self.friction is not None:
             self.friction.set_block_index(block_index[2:])
         self._is_reversed = False
-        self._last_end = x0
-        self._last_states = None
+        self._prepare()
 
     def reverse(self, pairs: ActivePairs, x0: Array) -> ActivePairs:
         """Return the pairs of the reversed step, which starts at x0 (m, 3) [m] and whose forces are
@@ -118,47 +125,40 @@ class StepForces:
         assert start is not None, "reversed pairs have the starts of the reversed step"
         self._body_pairs = replace(self._body_pairs, start=start[self._is_of_bodies])
         self._obstacle_pairs = replace(self._obstacle_pairs, start=start[~self._is_of_bodies])
-        self._make_tables()
         self._is_reversed = True
-        self._last_end = x0
-        self._last_states = None
+        self._prepare()
         # Pairs that separate fast would count as too steep when they approach as fast.
         self.push_back = 0.0
         return table
 
-    def _make_tables(self) -> None:
-        """Make the tables of both kinds of pairs for C."""
-        self._tables = [
-            (pairs, step_table(pairs, self._law))
-            for pairs in (self._body_pairs, self._obstacle_pairs)
-        ]
-
-    def _evaluate(self, kind: int, x0: Array, x1: Array, **wanted: Any) -> PairResponse:
-        """Evaluate the pairs between bodies (0) or with an obstacle (1), for what is wanted."""
-        pairs, table = self._tables[kind]
-        return evaluate(
-            pairs,
-            x0,
-            x1,
-            self._law,
-            self._alpha,
-            geometric_share=self._system.geometric,
-            push_back=self.push_back,
-            table=table,
-            **wanted,
-        )
+    def _prepare(self) -> None:
+        """Prepare the evaluation of forces and tangents of both kinds of pairs."""
+        count = self._points.count
+        if len(self.point_forces) != count:
+            self.clear()
+        self._last_end = None
+        blocks = self.assembly.blocks
+        of_bodies: dict[str, Any] = {"block_index": self._body_blocks, "blocks": blocks}
+        of_obstacles: dict[str, Any] = {"tangents_by_pair": True}
+        self._forces: list[PairEvaluation] = []
+        self._tangents: list[PairEvaluation] = []
+        kinds = ((self._body_pairs, of_bodies), (self._obstacle_pairs, of_obstacles))
+        for pairs, wanted in kinds:
+            of_pairs = partial(PairEvaluation, pairs, count, self._law, self._alpha)
+            forces = of_pairs(point_forces=self.point_forces)
+            self._forces.append(forces)
+            self._tangents.append(of_pairs(state=forces.state, **wanted))
+        # What each pair does at the last residual, which tangents need, too
+        self._states = [forces.state for forces in self._forces]
 
     def compute(self, x0: Array, x1: Array) -> None:
         """Compute the forces of this rank's pairs, with friction, and note what each pair does.
         `point_forces` (m, 3) [N] then has at each point the sum over the pairs of this rank."""
         # Pairs add to the rows of their points.
         self.clear()
-        of_bodies, of_obstacles = (
-            self._evaluate(kind, x0, x1, point_forces=self.point_forces).state for kind in (0, 1)
-        )
+        for forces in self._forces:
+            forces(x0, x1, push_back=self.push_back)
         self._last_end = x1
-        self._last_states = (of_bodies, of_obstacles)
-        self.acting_count = int((of_bodies > 0).sum() + (of_obstacles > 0).sum())
         if self.friction is not None and not self._is_reversed:
             self.friction.add_forces(x0, x1, self.point_forces)
 
@@ -168,14 +168,19 @@ class StepForces:
         blocks = self.assembly.blocks
         blocks[:] = 0
         # Pairs without contact at the last residual have no tangent either.
-        of_bodies, of_obstacles = self._states_at(x1) or (None, None)
-        self._evaluate(
-            0, x0, x1, block_index=self._body_blocks, blocks=blocks, known_state=of_bodies
-        )
+        is_known = self._knows_states_at(x1)
+        for tangents in self._tangents:
+            tangents(
+                x0,
+                x1,
+                push_back=self.push_back,
+                geometric_share=self._system.geometric,
+                is_known=is_known,
+            )
         # Without obstacles the arrays of pairs and weights would be empty.
-        if len(self._obstacle_pairs):
-            response = self._evaluate(1, x0, x1, tangents_by_pair=True, known_state=of_obstacles)
-            self._add_through_block_rows(np.asarray(response.tangents))
+        if self._states[1].size:
+            self._add_through_block_rows(np.asarray(self._tangents[1].tangents))
+        self._last_end = x1
         if self.friction is not None and not self._is_reversed:
             self.friction.add_tangents(x0, x1, blocks)
         self.assembly.add_diagonal(A)
@@ -196,17 +201,15 @@ class StepForces:
         """Return the identifiers (k,) of contact pairs that passed through each other in a step."""
         tables = (self._body_pairs, self._obstacle_pairs)
         # What the last residual found, unless the end has moved since.
-        states = self._states_at(x1)
-        if states is None:
-            responses = [evaluate(pairs, x0, x1, self._law, self._alpha) for pairs in tables]
-            states = (responses[0].state, responses[1].state)
+        states = self._states
+        if not self._knows_states_at(x1):
+            states = [evaluate(pairs, x0, x1, self._law, self._alpha).state for pairs in tables]
         passed = [
             pairs.identifier[state == PairState.PASSED]
             for pairs, state in zip(tables, states, strict=True)
         ]
         return np.concatenate(passed)
 
-    def _states_at(self, x1: Array) -> tuple[ByteArray, ByteArray] | None:
-        """Return the `PairState` of each pair between bodies (n,) and of each pair with an obstacle
-        (k,) in a step to x1; None: the last residual was computed for another end."""
-        return self._last_states if np.array_equal(x1, self._last_end) else None
+    def _knows_states_at(self, x1: Array) -> bool:
+        """Whether the last residual was computed for a step to x1."""
+        return self._last_end is not None and bool((x1 == self._last_end).all())

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -47,23 +48,20 @@ ROUND_OFF = 1e-12
 class CompiledEnclosure(Protocol):
     """An enclosed volume in a running scene, evaluated by the last `Geometry.follow`.
 
-    Arrays are the owned parts of system vectors.
+    Gradients are the owned parts of system vectors.
     """
 
     @property
-    def volume(self) -> float:
-        """V(q1) [m³]; the same on every rank."""
+    def pressure(self) -> Array:
+        """The pressure (1,) [Pa] of the iterate, written by the network; forces and tangents use
+        it."""
         ...
 
     @property
-    def magnitude(self) -> float:
-        """Sum of the sizes of the terms that add up to the volume [m³], by which round-off is
-        judged."""
-        ...
-
-    @property
-    def swept(self) -> float:
-        """W = G(q_mid)·(q1 - q0) [m³], or V(q1) - V(q0) if forces act at the end of the step."""
+    def measures(self) -> Array:
+        """Three volumes [m³], the same on every rank: V(q1); the sum of the sizes of the terms that
+        add up to it, by which round-off is judged; and W = G(q_mid)·(q1 - q0), or V(q1) - V(q0) if
+        forces act at the end of the step."""
         ...
 
     def start(self) -> None:
@@ -71,21 +69,8 @@ class CompiledEnclosure(Protocol):
         evaluated again afterwards."""
         ...
 
-    def set_pressure(self, pressure: float) -> None:
-        """Set the pressure [Pa] of the iterate, which the next forces and tangents use."""
-        ...
-
-    def add_force(self, values: Array) -> None:
-        """Subtract the force of the gas, pressure · G(q_mid) [N], from the owned part of a
-        residual, except what `Geometry.add_forces` subtracts."""
-        ...
-
     def gradients(self) -> tuple[Array, Array, Array]:
-        """G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only."""
-        ...
-
-    def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the derivative of the force, except what `Geometry.add_tangents` adds."""
+        """G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only, until the next `Geometry.follow`."""
         ...
 
 
@@ -263,38 +248,23 @@ class CompiledSurface:
         """Add the chamber to the surfaces of the scene, which are evaluated together."""
         self._surfaces = surfaces
         self._index = surfaces.add(sides)
+        self.gradients = partial(surfaces.gradients, self._index)
 
-    @property
-    def volume(self) -> float:
-        return float(self._surfaces.volume[self._index])
+    # Made when they are first asked for: the surfaces are compiled after all chambers are added.
 
-    @property
-    def magnitude(self) -> float:
-        return float(self._surfaces.magnitude[self._index])
+    @cached_property
+    def measures(self) -> Array:
+        return self._surfaces.measures[:, self._index]
 
-    @property
-    def swept(self) -> float:
-        return float(self._surfaces.swept[self._index])
+    @cached_property
+    def pressure(self) -> Array:
+        return self._surfaces.pressures[self._index : self._index + 1]
 
     def start(self) -> None:
         """Choose the sign of the volume, so that a surface with inward normals encloses a positive
         one."""
         # A flat film has a volume of either sign by round-off; it must not be turned by that.
-        self._surfaces.orient(self._index, ROUND_OFF * self.magnitude)
-
-    def set_pressure(self, pressure: float) -> None:
-        self._surfaces.pressures[self._index] = pressure
-
-    def gradients(self) -> tuple[Array, Array, Array]:
-        return self._surfaces.gradients(self._index)
-
-    # `Geometry` adds forces and tangents of all surfaces at once.
-
-    def add_force(self, values: Array) -> None:
-        pass
-
-    def add_tangents(self, A: PETSc.Mat) -> None:
-        pass
+        self._surfaces.orient(self._index, ROUND_OFF * self.measures[1])
 
 
 @check_arguments
@@ -373,7 +343,8 @@ class _CompiledPiston:
         np.add.at(self._gradient, indices[mine] - start, entries[mine])
         self._piston = piston
         self._origin = 0.0
-        self._pressure = 0.0
+        self.pressure = np.zeros(1)
+        self.measures = np.zeros(3)
 
     def start(self) -> None:
         piston = self._piston
@@ -386,26 +357,17 @@ class _CompiledPiston:
         return float(self._system.comm.allreduce(float(self._gradient @ q.array_r)))
 
     def follow(self) -> None:
-        """Compute volume, its magnitude for round-off, and swept volume [m³] of the present
-        step."""
+        """Compute the volumes [m³] of the present step."""
         end = self._height(self._system.q1)
         start = self._height(self._system.q0)
-        self.volume = end - self._origin
-        self.magnitude = abs(end) + abs(self._origin)
-        self.swept = end - start
+        self.measures[:] = (end - self._origin, abs(end) + abs(self._origin), end - start)
 
-    def set_pressure(self, pressure: float) -> None:
-        self._pressure = pressure
-
-    def add_force(self, values: Array) -> None:
-        values -= self._pressure * self._gradient
+    def add_forces(self, values: Array) -> None:
+        # G is constant: the tangent has no share, as the force depends on the pressure only.
+        values -= self.pressure * self._gradient
 
     def gradients(self) -> tuple[Array, Array, Array]:
         return self._gradient, self._gradient, self._gradient
-
-    def add_tangents(self, A: PETSc.Mat) -> None:
-        # G is constant: the force depends on the coordinates by the pressure only.
-        pass
 
     def accept(self) -> None:
         # `follow` reads q0 from the system: there is nothing to store.

@@ -209,7 +209,7 @@ class GasNetwork(ScalarUnknowns):
                 exponent += 1 / state.heat_factor
             if state.enclosure is not None:
                 _, of_volume, _ = state.enclosure.gradients()
-                found.append((of_volume, exponent * state.pressure / state.volume))
+                found.append((of_volume.copy(), exponent * state.pressure / state.volume))
         return found
 
     # ---- scalar unknowns: a step -----------------------------------------------------------------
@@ -223,7 +223,7 @@ class GasNetwork(ScalarUnknowns):
         # Again, as normals may have been turned.
         self.geometry.follow()
         self.geometry.accept()
-        volumes, _, self._accepted_magnitude = self._measure()
+        volumes, self._accepted_magnitude, _ = self._measure()
         for state, volume in zip(self.chambers, volumes, strict=True):
             state.volume = float(volume)
             check(
@@ -271,17 +271,17 @@ class GasNetwork(ScalarUnknowns):
         """Return the scaled residual (n + s,) of the gas balance at the iterate, after it was
         solved at its volumes and the pressures were set on the enclosures.  Collective."""
         self.geometry.follow()
-        self.volumes, self.swept, self._magnitude = self._measure()
+        self.volumes, self._magnitude, self.swept = self._measure()
         self.y = self._solve_at_iterate(y)
         self._proposed = y
         self.scale = self.balance.scales(self.y, self.volumes, self._magnitude)
         self._residual = self.balance.residual(self.y, self.volumes, self.swept) / self.scale
         # The pressure that acts in the step: p̄ for the midpoint rule, p1 at the end of the step.
-        end_pressures = self.y[: len(self.chambers)]
+        end_pressures = self.y[: self._start_pressures.size]
         acting = (1 - self._alpha) * self._start_pressures + self._alpha * end_pressures
         difference = acting - self._outside_pressures
         for k, enclosure in self._enclosures.items():
-            enclosure.set_pressure(float(difference[k]))
+            enclosure.pressure[0] = difference[k]
         return self._residual
 
     def _solve_at_iterate(self, y: Array) -> Array:
@@ -289,7 +289,7 @@ class GasNetwork(ScalarUnknowns):
         itself if it or the volumes are not finite, a volume is not positive, or no solution is
         found."""
         # A sum is finite only if all of its terms are; a volume that is NaN is not positive.
-        total = y.sum() + self.volumes.sum() + self.swept.sum()
+        total = y @ y + self.volumes @ self.volumes + self.swept @ self.swept
         if not (math.isfinite(total) and self.volumes.min() > 0):
             return y
         # Newton's update of y belongs to the y that was proposed; it is applied to the y that was
@@ -302,13 +302,9 @@ class GasNetwork(ScalarUnknowns):
     def add_force(self, values: Array) -> None:
         """Subtract the forces of all chambers [N] from the owned part of a residual."""
         self.geometry.add_forces(values)
-        for enclosure in self._enclosures.values():
-            enclosure.add_force(values)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         self.geometry.add_tangents(A)
-        for enclosure in self._enclosures.values():
-            enclosure.add_tangents(A)
 
     def force_square(self) -> float:
         """Of the pressures inside: those outside are nearly as large where a chamber is in air."""
@@ -325,22 +321,23 @@ class GasNetwork(ScalarUnknowns):
         C = by_y / self.scale[:, None]
         if not self._enclosures:
             return G, H, C
-        by_W = np.zeros((self.size, len(self._enclosures)))
-        volume_gradients = []
-        swept_gradients = []
-        for i, (k, enclosure) in enumerate(self._enclosures.items()):
-            at_middle, of_volume, of_swept = enclosure.gradients()
+        enclosed = list(self._enclosures)
+        gradients = [enclosure.gradients() for enclosure in self._enclosures.values()]
+        at_middle, of_volume, of_swept = zip(*gradients, strict=True)
+        # By the volumes V, then by the swept volumes W
+        by_volumes = np.zeros((self.size, 2, len(enclosed)))
+        by_volumes[:, 0] = by_V[:, enclosed]
+        for i, k in enumerate(enclosed):
             # The pressure that acts has the weight α of the pressure at the end of the step.
-            G[k] = -self._alpha * at_middle
+            G[k] = -self._alpha * at_middle[i]
             if self.balance.depends_on_swept_volume:
                 # ∂/∂W of p̄ W in the energy balance
-                by_W[k, i] = (self.chambers[k].pressure + self.y[k]) / 2
-            volume_gradients.append(of_volume)
-            swept_gradients.append(of_swept)
-        slopes = np.hstack([by_V[:, list(self._enclosures)], by_W]) / self.scale[:, None]
-        rows = slopes @ np.array(volume_gradients + swept_gradients)
+                by_volumes[k, 1, i] = (self.chambers[k].pressure + self.y[k]) / 2
+        slopes = by_volumes.reshape(self.size, -1) / self.scale[:, None]
+        rows = slopes @ np.array(of_volume + of_swept)
         # Zero columns are left out: the solver spends one solve on each of the others.
-        for k in np.flatnonzero(slopes.any(axis=1)):
+        is_coupled: Any = slopes.any(axis=1)
+        for k in is_coupled.nonzero()[0]:
             H[k] = rows[k]
         return G, H, C
 
@@ -350,14 +347,14 @@ class GasNetwork(ScalarUnknowns):
         solved.  Collective."""
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
-        volumes, swept, _ = self._measure()
+        volumes, _, swept = self._measure()
         works = self.balance.work(self.y, volumes, swept)
         masses = self._masses() + h * rates.mass
         start_volumes = np.array([state.volume for state in self.chambers])
         for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
                 # The surroundings receive the work of the swept volume at their pressure.
-                self._supplied -= _outside_pressure(state) * state.enclosure.swept
+                self._supplied -= _outside_pressure(state) * float(state.enclosure.measures[2])
             state.volume = float(volumes[k])
             state.masses = masses[self.contents.rows[k]]
             state.internal_energy += h * float(rates.energy[k]) - float(works[k])
@@ -518,7 +515,7 @@ class GasNetwork(ScalarUnknowns):
             # The name is for readers of the file; the order of chambers does not change.
             _, chamber.pressure, masses, chamber.internal_energy, chamber.volume = row
             chamber.masses = np.array(masses, dtype=float)
-        _, _, self._accepted_magnitude = self._measure()
+        _, self._accepted_magnitude, _ = self._measure()
         self._supplied = state["supplied"]
         self._mass_supplied = np.array(state["mass supplied"], dtype=float)
         self._heat_supplied = list(state["heat supplied"])
@@ -529,14 +526,12 @@ class GasNetwork(ScalarUnknowns):
     # ---- chambers --------------------------------------------------------------------------------
 
     def _measure(self) -> Array:
-        """Volumes at the iterate, rigid parts included, volumes that the enclosures sweep in the
-        step, and sums of the sizes of the terms of their volumes, (3, n) [m³]."""
-        measured = np.zeros((3, len(self.chambers)))
+        """Volumes at the iterate, rigid parts included, sums of the sizes of the terms of those of
+        enclosures, and volumes that the enclosures sweep in the step, (3, n) [m³]."""
+        measured = np.zeros((3, self.volumes.size))
         measured[0] = [state.chamber.fixed_volume for state in self.chambers]
         for k, enclosure in self._enclosures.items():
-            measured[0, k] += enclosure.volume
-            measured[1, k] = enclosure.swept
-            measured[2, k] = enclosure.magnitude
+            measured[:, k] += enclosure.measures
         return measured
 
 

@@ -13,10 +13,10 @@ x(s, r) = Σ N_i(s, r) x_i, which C evaluates: n dA = x,s × x,r ds dr.
 
 Algorithm.  In every iteration:
 
-1. One call of C for all strips, and two for the triangles of a film at one chamber, give (1) at q̄
+1. One call of C for all strips, and two for the triangles of a film at all chambers, give (1) at q̄
    and at q1.  Each is evaluated on one rank; shares of nodes that other ranks own are sent to them.
 2. Products with positions, summed over ranks, give (2) and (3).
-3. One call for all strips, and one for the triangles of a film at one chamber, give the derivative
+3. One call for all strips, and one for the triangles of a film at all chambers, give the derivative
    of the forces of all pressures, one block of numbers for each pair of nodes.  One call of PETSc
    enters the blocks in the tangent.
 
@@ -42,12 +42,11 @@ from gossamer_fx.core.algebra.point_measures import FixedBlocks, Gather
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
 from gossamer_fx.core.forms.cell_loops import CellValues, prepared_integral
-from gossamer_fx.core.forms.compilation import compile_form, constant
+from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Assembly
-from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
 HEADER = Path(__file__).parent / "patches.h"
 
@@ -82,41 +81,21 @@ class Triangles:
 Side = tuple[Patches | Triangles, float]
 
 
-class FilmForms:
-    """The forms of a film that bounds chambers, which all of them share.
+@dataclass(frozen=True, eq=False)
+class FilmParts:
+    """The triangles of a film at all chambers, in p parts with the `chambers` (p,) and the `signs`
+    (p,) of `Side`, and what adds the values of their forms to the arrays of all surfaces.
 
     Attributes:
-        factor: of all forms: the sign of the normals, in the tangent times the pressure [Pa].
-        at_end, at_mid: linear forms, (1) at q1 and at q̄; one form where forces act at q1.
-        tangent: bilinear form, the derivative of the negative of (1) at q̄ by q1.
+        factors: of the forms, (p, 1): the sign of the normals, in the tangent times the pressure
+            [Pa].
+        add_at_end, add_at_mid: of linear forms, (1) at q1 and at q̄.
+        add_tangent: of a bilinear form, the derivative of the negative of (1) at q̄ by q1.
     """
 
-    def __init__(self, film: Membrane, at: Coordinates, acts_at_end: bool) -> None:
-        """Compile the forms on the whole film.  Collective."""
-        # Degree of (1): 2 (order - 1) of the area vector, order of w.
-        degree = 2 * (film.order - 1) + film.order
-        dx = ufl.Measure("dx", film.mesh.domain, metadata={"quadrature_degree": degree})
-        self.factor = constant(film.mesh.domain, 1.0)
-
-        def flux(x: Any) -> Any:
-            """The form (1) at positions x on the film."""
-            return self.factor * ufl.dot(area_vector(film.deformation(x)), at.w) * dx
-
-        self.at_end = compile_form(flux(at.q1))
-        self.at_mid = self.at_end
-        if not acts_at_end:
-            self.at_mid = compile_form(flux(at.mid))
-        self.tangent = compile_form(ufl.derivative(-flux(at.mid), at.q1, at.dq))
-
-
-@dataclass(frozen=True, eq=False)
-class FilmPart:
-    """The triangles of a film at one chamber, with what adds the values of `FilmForms` there to the
-    arrays of all surfaces; `sign` as in `Side`."""
-
-    chamber: int
-    sign: float
-    factor: fem.Constant
+    factors: Array
+    chambers: npt.NDArray[np.intp]
+    signs: Array
     add_at_end: Callable[[], Any]
     add_at_mid: Callable[[], Any]
     add_tangent: Callable[[], Any]
@@ -133,9 +112,9 @@ class ChamberSurfaces:
 
     Attributes:
         pressures: pressure [Pa] on the patches of each chamber, along their normals (chambers,).
-        volume: V_c at q1 (chambers,) [m³], of each chamber's sign.
-        magnitude: sum of the sizes of the terms of G_c(q)·q (chambers,) [m³], for round-off.
-        swept: W_c (chambers,) [m³], or V_c(q1) - V_c(q0) if forces act at the end of the step.
+        measures: three volumes of each chamber (3, chambers) [m³]: V_c at q1, of its sign; the sum
+            of the sizes of the terms of G_c(q)·q, for round-off; and W_c, or V_c(q1) - V_c(q0) if
+            forces act at the end of the step.
     """
 
     def __init__(self, system: Assembly) -> None:
@@ -185,8 +164,8 @@ class ChamberSurfaces:
         self._c = c_library(HEADER, system.comm)
         self._allocate(self._owned + 3 * len(ghosts), len(keys))
         ends = np.cumsum([one.size for one in pairs])[:-1]
-        forms: dict[Membrane, FilmForms] = {}
-        self._films: list[FilmPart] = []
+        # The parts of each film: chamber, sign, triangles, unknowns, blocks
+        parts: dict[Membrane, list[tuple[Any, ...]]] = {}
         self._kinds: list[CStruct] = []
         for (chamber, part, sign), indices, of_pairs in zip(
             self._sides, nodes, np.split(blocks, ends), strict=True
@@ -196,21 +175,10 @@ class ChamberSurfaces:
                 kind = self._kind_for_kernel(chamber, part, sign, local(indices), numbers)
                 self._kinds.append(kind)
                 continue
-            if part.film not in forms:
-                at = system.coordinates[part.film]
-                forms[part.film] = FilmForms(part.film, at, system.rule.acts_at_end)
-            form = forms[part.film]
             unknowns = local(indices)[:, :, None] + np.arange(3, dtype=np.int32)
-            self._films.append(
-                FilmPart(
-                    chamber,
-                    sign,
-                    form.factor,
-                    _adding(form.at_end, part, self._at_end[chamber], unknowns),
-                    _adding(form.at_mid, part, self._at_mid[chamber], unknowns),
-                    _adding(form.tangent, part, self._blocks, _entries_of(numbers)),
-                )
-            )
+            part_of_film = (chamber, sign, part.cells, unknowns, _entries_of(numbers))
+            parts.setdefault(part.film, []).append(part_of_film)
+        self._films = [self._film_for_kernel(film, some) for film, some in parts.items()]
         self._c_all = self._surfaces_for_kernel()
 
     def _nodes_of(self, part: Patches | Triangles) -> GlobalIndices:
@@ -237,10 +205,7 @@ class ChamberSurfaces:
         self._at_mid = self._at_end
         if not self._system.rule.acts_at_end:
             self._at_mid = np.zeros((chambers, unknowns))
-        self._sums = np.zeros((3, chambers))
-        self.volume = self._sums[0]
-        self.magnitude = self._sums[1]
-        self.swept = self._sums[2]
+        self.measures = np.zeros((3, chambers))
         self._initial_volume = np.zeros(chambers)
         self._blocks = np.zeros((blocks, 3, 3))
 
@@ -281,6 +246,53 @@ class ChamberSurfaces:
             },
         )
 
+    def _film_for_kernel(self, film: Membrane, parts: list[tuple[Any, ...]]) -> FilmParts:
+        """Return the parts of a film with what evaluates them.  Collective."""
+        system = self._system
+        chambers, signs, cells, unknowns, entries = zip(*parts, strict=True)
+        at = system.coordinates[film]
+        # One number in each triangle, in place of which that of the triangle's part is taken.
+        factor = fem.Function(fem.functionspace(film.mesh.domain, ("DG", 0)))
+        # Degree of (1): 2 (order - 1) of the area vector, order of w.
+        degree = 2 * (film.order - 1) + film.order
+        dx = ufl.Measure("dx", film.mesh.domain, metadata={"quadrature_degree": degree})
+
+        def flux(x: Any) -> Any:
+            """The form (1) at positions x on the film."""
+            return factor * ufl.dot(area_vector(film.deformation(x)), at.w) * dx
+
+        acting = at.q1 if system.rule.acts_at_end else at.mid
+        factors = np.ones((len(parts), 1))
+        # Of each triangle: the row of its factor, and those of its nodes in gradients.
+        counts = [len(some) for some in cells]
+        part = np.repeat(np.arange(len(parts), dtype=np.int32), counts)[:, None]
+        in_place_of = {factor._cpp_object: CellValues(factors, part)}
+        chamber_of = np.array(chambers)
+        first = (chamber_of[part] * len(self._end)).astype(np.int32)
+        rows = np.concatenate(unknowns) + first[:, :, None]
+
+        def adding(form: ufl.Form, values: Array, rows: Any) -> Callable[[], Any]:
+            """Return what adds the numbers that a form has in each triangle to those of an array at
+            the rows of a triangle."""
+            compiled = compile_form(form)
+            prepared = prepared_integral(compiled, np.concatenate(cells), in_place_of)
+            assert prepared is not None
+            function, where, _ = prepared
+            flat = rows.reshape(len(part), int(np.prod(rows.shape[1:])))
+            to = CellValues(values.reshape(-1, 1), flat)
+            return function.applied("add_in_cells", to.struct(where.library), to.width)
+
+        return FilmParts(
+            factors,
+            chamber_of,
+            np.array(signs),
+            adding(flux(at.q1), self._at_end, rows),
+            adding(flux(acting), self._at_mid, rows),
+            adding(
+                ufl.derivative(-flux(at.mid), at.q1, at.dq), self._blocks, np.concatenate(entries)
+            ),
+        )
+
     def _surfaces_for_kernel(self) -> CStruct:
         """Return all patches and arrays as the C structure `gas_surfaces`."""
         library: CLibrary = self._c
@@ -292,7 +304,7 @@ class ChamberSurfaces:
             "mid": self._mid,
             "at_mid": self._at_mid,
             "at_end": self._at_end,
-            "sums": self._sums,
+            "sums": self.measures,
             "blocks": self._blocks,
         }
         fields = {
@@ -323,20 +335,20 @@ class ChamberSurfaces:
         if self._gather is not None:
             self._end[self._owned :] = self._gather(self._system.q1)[0].ravel()
         self._c.lib.patches_gradients(self._c_all.pointer)
-        for part in self._films:
-            part.factor.value = part.sign * self._orientation[part.chamber]
-            part.add_at_end()
+        for film in self._films:
+            film.factors[:, 0] = film.signs * self._orientation[film.chambers]
+            film.add_at_end()
             if self._at_mid is not self._at_end:
-                part.add_at_mid()
+                film.add_at_mid()
         if self._gather is not None:
             self._send_shares(self._gather, self._at_end)
             if self._at_mid is not self._at_end:
                 self._send_shares(self._gather, self._at_mid)
         self._c.lib.patches_sums(self._c_all.pointer)
         if self._gather is not None:
-            self._system.comm.Allreduce(MPI.IN_PLACE, self._sums, op=MPI.SUM)
+            self._system.comm.Allreduce(MPI.IN_PLACE, self.measures, op=MPI.SUM)
         if self._at_mid is self._at_end:
-            np.subtract(self.volume, self._initial_volume, out=self.swept)
+            self.measures[2] = self.measures[0] - self._initial_volume
 
     def _send_shares(self, gather: Gather, gradients: Array) -> None:
         """Add the shares of ghosts in gradients (chambers, unknowns) to those of the ranks that own
@@ -349,21 +361,21 @@ class ChamberSurfaces:
     def orient(self, c: int, smallest: float) -> None:
         """Turn the normals of chamber c if its volume was below -`smallest` [m³] without a sign at
         the last `follow`; the next one evaluates it so."""
-        volume = self._orientation[c] * self.volume[c]
+        volume = self._orientation[c] * self.measures[0, c]
         self._orientation[c] = -1.0 if volume < -smallest else 1.0
 
     def accept(self) -> None:
         """Make the end of this step the start of the next."""
         self._start[:] = self._end
         self._at_start[:] = self._at_end
-        self._initial_volume[:] = self.volume
+        self._initial_volume[:] = self.measures[0]
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
-        """Return this rank's parts of the gradients [m²] of chamber c, as new arrays: G_c = ∂V_c/∂q
-        in the positions q̄ where forces act, which times the pressure is the force; and ∂V_c/∂q1
-        and ∂W_c/∂q1."""
-        at_mid = self._at_mid[c, : self._owned].copy()
-        at_end = self._at_end[c, : self._owned].copy()
+        """Return this rank's parts of the gradients [m²] of chamber c until the next `follow`: G_c
+        = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the force; and
+        ∂V_c/∂q1 and ∂W_c/∂q1."""
+        at_mid = self._at_mid[c, : self._owned]
+        at_end = self._at_end[c, : self._owned]
         if self._at_mid is self._at_end:
             return at_mid, at_end, at_end
         change = at_end - self._at_start[c, : self._owned]
@@ -378,24 +390,11 @@ class ChamberSurfaces:
         """Add the derivative of the forces of all `pressures` [Pa] by the end of the step to the
         tangent of the system [N/m]."""
         self._c.lib.patches_tangent(self._c_all.pointer)
-        for part in self._films:
-            sign = part.sign * self._orientation[part.chamber]
-            part.factor.value = sign * self.pressures[part.chamber]
-            part.add_tangent()
+        for film in self._films:
+            forces = self._orientation * self.pressures
+            film.factors[:, 0] = film.signs * forces[film.chambers]
+            film.add_tangent()
         self._entries.add(A, self._blocks)
-
-
-def _adding(
-    form: fem.Form, triangles: Triangles, values: Array, rows: npt.NDArray[np.int32]
-) -> Callable[[], Any]:
-    """Return what adds the numbers that a form has in each triangle to those of an array, the
-    `rows` (n, ...) of a triangle.  Collective."""
-    prepared = prepared_integral(form, triangles.cells)
-    assert prepared is not None
-    function, cells, _ = prepared
-    flat = rows.reshape(len(rows), int(np.prod(rows.shape[1:])))
-    to = CellValues(values.reshape(-1, 1), flat)
-    return function.applied("add_in_cells", to.struct(cells.library), to.width)
 
 
 def _entries_of(blocks: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

@@ -23,6 +23,11 @@ class Moving(Protocol):
         """Make the end of this step the start of the next."""
         ...
 
+    def add_forces(self, values: Array) -> None:
+        """Subtract the forces of the gas, pressure · G(q_mid) [N], from the owned part of a
+        residual."""
+        ...
+
 
 class MovingArea(Protocol):
     """The area of an opening that moves with bodies, taken at the middle of the coming step."""
@@ -101,9 +106,9 @@ class Geometry:
             moving.accept()
 
     def add_forces(self, values: Array) -> None:
-        """Subtract the forces of all surfaces [N] from the owned part of a residual."""
-        if self.surfaces.count:
-            self.surfaces.add_forces(values)
+        """Subtract the forces of all surfaces and pistons [N] from the owned part of a residual."""
+        for moving in self._moving:
+            moving.add_forces(values)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the derivative of the forces of all surfaces to the tangent of the system."""

@@ -331,7 +331,7 @@ class Multipliers(ABC):
         """Add D²e[v, v] in the rows of the multipliers."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CouplingBlocks:
     """Blocks of 3 x 3 of a tangent on one rank, sorted by row, then by column.
 

@@ -47,13 +47,13 @@ class Coordinates:
     def take(self, function: fem.Function, unknowns: Array) -> None:
         """Set a function, ghosts included, from this rank's unknowns of the body."""
         vector = function.x
-        vector.array[: len(unknowns)] = unknowns
+        vector.array[: unknowns.size] = unknowns
         vector.scatter_forward()
 
     def add_forces(self, b: Array, forces: Array) -> None:
         """Add an assembled vector b, of owned and ghost nodes, to the forces on this rank's
         unknowns."""
-        forces += b[: len(forces)]
+        forces += b[: forces.size]
 
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
         """Add bilinear forms to the body's diagonal block of A."""

@@ -122,15 +122,20 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         self.elements: list[ElementForces] = [*self._stored, *self._viscous]
         self._forms: list[ElementForms] = []
         # One vector for each body, its array, and what assembles all of its terms to it.
-        self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
-        self._arrays = {body: b.array for body, b in self._forces.items()}
+        arrays: dict[Body, Any] = {}
+        self._vectors: list[tuple[Coordinates, slice, la.Vector, Array]] = []
+        for body in dict.fromkeys(term.body for term in terms):
+            at = system.coordinates[body]
+            b = _vector_of(at)
+            arrays[body] = b.array
+            self._vectors.append((at, system.block(body).owned, b, arrays[body]))
         self._assemble: list[Callable[[], None]] = []
         for alike in _with_one_measure(self.elements):
             _share_strains(alike)
             at = system.coordinates[alike[0].term.body]
             forms = ElementForms(alike, at, system.rule)
             self._forms.append(forms)
-            self._assemble.append(assembly(forms.residual, self._arrays[forms.body]))
+            self._assemble.append(assembly(forms.residual, arrays[forms.body]))
         self.losses = [force.term.name for force in self._viscous]
 
     def _viscous_forces(
@@ -140,8 +145,8 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         return ViscousForces(term, at, rule)
 
     def begin_step(self, t: float) -> None:
-        for body in self._forces:
-            self._system.coordinates[body].h.value = self._system.h
+        for at, _, _, _ in self._vectors:
+            at.h.value = self._system.h
         for force in self._stored:
             force.begin_step(self._system.time + self._system.h)
 
@@ -163,17 +168,16 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
     def add_forces(self, r: PETSc.Vec) -> None:
         """Add the internal forces of all terms on meshes at the present iterate to the residual.
         Collective."""
-        for array in self._arrays.values():
+        for _, _, _, array in self._vectors:
             array[:] = 0
         for force in self._stored:
             force.respond()
         for assemble in self._assemble:
             assemble()
         with r as values:
-            for body, b in self._forces.items():
+            for at, owned, b, array in self._vectors:
                 b.scatter_reverse(la.InsertMode.add)
-                owned = self._system.block(body).owned
-                self._system.coordinates[body].add_forces(self._arrays[body], values[owned])
+                at.add_forces(array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         for force in self._stored:
@@ -465,6 +469,7 @@ class StoredForces(ElementForces):
             may_choose=not rule.acts_at_end,
         )
         self._linear_strain = self._at_points(mesh, m)
+        self._linear_strains = self._linear_strain.x.array.reshape(-1, m)
         density = self._at_points(mesh)
         self._set_density = self._law.density_in(density.x.array)
         self._energy = compile_form(density * term.dx)
@@ -531,7 +536,7 @@ class StoredForces(ElementForces):
     def _linearised_strains(self) -> Array:
         """The strains (q, m) linearised about the last iterate."""
         self._set_linear_strain()
-        return self._linear_strain.x.array.reshape(-1, self._size)
+        return self._linear_strains
 
     def _evaluated(self, expression: Expr, at_points: fem.Function) -> Callable[[], None]:
         """Compile an expression; the result evaluates it at the quadrature points of all cells.

@@ -31,6 +31,7 @@ static void respond(const point_law *law, ptrdiff_t cell)
 
 void evaluate_responses(const point_law *law)
 {
+    for (ptrdiff_t k = 0; k < law->function_count; k++) read_constants(law->responses + k);
     for (ptrdiff_t cell = 0; cell < law->cells.count; cell++) respond(law, cell);
 }
 
@@ -132,6 +133,7 @@ int choose_strains(const point_law *law, const strain_choice *choice)
 {
     const ptrdiff_t m = law->strain_size;
     int any = 0;
+    for (ptrdiff_t k = 0; k < law->function_count; k++) read_constants(law->responses + k);
     for (ptrdiff_t cell = 0; cell < law->cells.count; cell++) {
         const int32_t *rows = law->strain.nodes + cell * law->point_count;
         for (ptrdiff_t k = 0; k < law->point_count; k++)

@@ -18,6 +18,7 @@ typedef struct {
     ptrdiff_t strain_size;    /* m */
     /* the first serves every point, the others points in certain cases */
     const cell_function *responses;
+    ptrdiff_t function_count; /* of responses and sort */
     /* the number of the cheapest response for each point; NULL: there is one */
     const cell_function *sort;
     cell_values strain;       /* (q, m) strains of the iterate */

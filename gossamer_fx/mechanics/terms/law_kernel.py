@@ -116,7 +116,7 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
     arguments = (start._cpp_object, strain._cpp_object, numbers._cpp_object)
 
     def function(address: int) -> CellFunction:
-        return CellFunction(address, arguments, lambda: count, owner=c_law.owner)
+        return CellFunction(address, arguments, [count], owner=c_law.owner)
 
     return LawFunctions(
         start=start,
@@ -175,7 +175,7 @@ class PointLaw:
     def __init__(
         self, functions: LawFunctions, values: PointValues, cells: Indices, *, may_choose: bool
     ) -> None:
-        """Prepare the constants and values that the C kernel reads; no law is evaluated yet.
+        """Prepare what the C kernel reads; no law is evaluated yet.
         Collective."""
         if len(cells) != len(values.rows):
             raise ValueError(f"There are rows for {len(values.rows)} cells, not for {len(cells)}.")
@@ -201,11 +201,8 @@ class PointLaw:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Start a step: read constants, such as moduli, again, and forget the choices of
-        strains."""
+        """Start a step: forget the choices of strains."""
         self._functions.refresh()
-        for function in self._evaluated:
-            function.read_constants()
         self._iteration = 0
         self._chooses = self._may_choose
         self._last_error[:] = np.inf
@@ -261,6 +258,7 @@ class PointLaw:
             "point_count": self._values.rows.shape[1],
             "strain_size": self._values.strain.shape[1],
             "responses": functions,
+            "function_count": len(functions),
             "sort": sort,
             "strain": self._strain.fields(self._c),
             "response": response.fields(self._c),

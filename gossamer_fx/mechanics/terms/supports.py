@@ -91,7 +91,8 @@ class Supports(CompiledTerms["Support"]):
         """Hold further coordinates, given by positions (n,) in this rank's part of a vector, and
         set all reactions to zero.  Collective."""
         self.held = np.union1d(self.held, positions)
-        # Asked once, as `clear` is called in each iteration.
+        # Asked and converted once, as `clear` is called in each iteration.
+        self._held_rows = (self.held + self._numbering.start).astype(PETSc.IntType)
         self._any = self._numbering.comm.allreduce(len(self.held)) > 0
         self.reactions: Array = np.zeros(len(self.held))
 
@@ -147,8 +148,7 @@ class Supports(CompiledTerms["Support"]):
         Collective."""
         # Skipped where no rank has a fixed coordinate, as the call is collective and takes time.
         if self._any:
-            rows = (self.held + self._numbering.start).astype(PETSc.IntType)
-            matrix.zeroRowsColumns(rows, diag=diagonal)
+            matrix.zeroRowsColumns(self._held_rows, diag=diagonal)
 
 
 def _restricted(motion: Motion, mine: npt.NDArray[np.bool_]) -> Motion:

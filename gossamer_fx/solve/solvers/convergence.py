@@ -20,11 +20,10 @@ energy, must also be small:
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated
-
-import numpy as np
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
@@ -172,8 +171,7 @@ class ConvergenceTest:
     def lower_floor(self, force_scale: float) -> None:
         """Lower the round-off floor to that of the forces F [N] that cancel in the residual; of
         several calls the smallest F counts."""
-        units = self._tolerances.floor * np.finfo(float).eps
-        floor = float(units * force_scale)
+        floor = self._tolerances.floor * sys.float_info.epsilon * force_scale
         self.round_off_floor = min(floor, self.round_off_floor or math.inf)
 
     def is_solved(self, residual: Residual, energy_error_is_small: Callable[[], bool]) -> bool:
@@ -201,8 +199,8 @@ class ConvergenceTest:
     def diverges(self) -> bool:
         """Whether the last residual exceeds `DIVERGENCE_RATIO`, 1e12, times the larger one of the
         first two, and of the tolerance."""
-        largest_early = max(self.norms[:2])
-        return self.norm > DIVERGENCE_RATIO * max(largest_early, self.tolerance)
+        has_grown = self.norm > DIVERGENCE_RATIO * max(self.norms[:2])
+        return has_grown and self.norm > DIVERGENCE_RATIO * self.tolerance
 
 
 # An iteration has stalled if the least residual of its last iterates is above STALLED_RATIO of the

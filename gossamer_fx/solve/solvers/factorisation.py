@@ -165,7 +165,7 @@ class BlockFactors:
         matrix.mult(self._solution, self._product)
         self._product.axpy(-1.0, self._right)
         # Written so that NaN counts as inaccurate.
-        return bool(self._product.norm() <= MAX_BLOCK_RESIDUAL * self._right.norm())
+        return bool(self._product.norm() <= MAX_BLOCK_RESIDUAL * self._right.getSize() ** 0.5)
 
     def _reset(self) -> None:
         """Discard factors that failed: PETSc would not try the next matrix."""
@@ -298,7 +298,7 @@ def replace(pc: PETSc.PC, A: PETSc.Mat) -> None:
     """
     before = pc.getOperators()[0]
     pc.setOperators(A)
-    if pc.getFactorSolverType() == "mumps" and A.handle != before.handle:
+    if A.handle != before.handle and pc.getFactorSolverType() == "mumps":
         # PETSc discards the factors with the old pattern; `renew` restores the workspace margin.
         renew(pc)
         pc.getFactorMatrix().setMumpsIcntl(ICNTL_ORDERING, ORDERING_BY_MINIMUM_FILL)

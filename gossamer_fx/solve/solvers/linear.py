@@ -38,6 +38,9 @@ All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -117,10 +120,13 @@ class Composite:
         if not self.scalars:
             x.copy(self.fields)
             return self.fields, np.zeros(0)
-        self.fields.array[:] = x.array_r[: self.n]
+        values = x.array_r
+        self.fields.array[:] = values[: self.n]
+        if self.comm.size == 1:
+            return self.fields, values[self.n :].copy()
         y: Array = np.empty(self.scalars)
         if self.comm.rank == 0:
-            y[:] = x.array_r[self.n :]
+            y[:] = values[self.n :]
         self.comm.Bcast(y)
         return self.fields, y
 
@@ -133,7 +139,7 @@ class Columns:
     def __init__(self, columns: list[Array | None]) -> None:
         self.count = len(columns)
         self.nonzero = [k for k, column in enumerate(columns) if column is not None]
-        self.values: Array = np.array([column for column in columns if column is not None])
+        self.values: Array = np.array([columns[k] for k in self.nonzero])
 
     def products(self, z: Array) -> Array:
         """Product (m,) of each column with z (n,), or products (m, k) with k vectors z (k, n)."""
@@ -188,10 +194,27 @@ class BorderedPreconditioner:
         self._system = system
         self._out = operator.composite.fields.duplicate()
         self._Z = Columns([])
+        # The kind of a preconditioner does not change.
+        self._is_exact = factorisation.is_exact(sparse)
+        context = sparse.getPythonContext() if sparse.getType() == "python" else None
+        self._context = context
+        # What lets it use the factors of an earlier matrix for the next one, if it can; returns
+        # whether it does, so that the next matrix need not be summed.
+        self._keep_factors: Callable[[], bool] | None = getattr(context, "keep_factors", None)
+        # Whether it takes the tangent with all couplings of contact, or adds the strong ones.
+        self._needs_all_couplings = getattr(context, "needs_couplings", False)
+        self._adds_couplings = getattr(context, "adds_couplings", False)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._fresh_applications: int | None = None  # of the first solve with the present Z
         self._needs_couplings = False  # whether P includes strong couplings in this step
+        self._solve_dense: Any = None
+        if operator.composite.scalars:
+            # Imported here, see `factorisation.Lapack`.
+            from scipy.linalg import lapack
+
+            # A fifth of the calls of NumPy's function.
+            self._solve_dense = lapack.dgesv
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Set up P for the present tangent [[A, G], [Hᵀ, C]], and compute Z = P⁻¹ G and the Schur
@@ -203,8 +226,7 @@ class BorderedPreconditioner:
         is_new_step = step != self._step
         self._set_up_sparse(is_new_step)
         # Only the two-level preconditioner costs so much that it pays to use an earlier Z.
-        may_reuse = not factorisation.is_exact(self._sparse)
-        if not may_reuse or is_new_step or self._has_aged():
+        if self._is_exact or is_new_step or self._has_aged():
             self._solve_columns()
             self._step = step
             self._fresh_applications = None
@@ -228,11 +250,11 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if _keep_factors(self._sparse):
+        if self._keep_factors is not None and self._keep_factors():
             return
-        if factorisation.is_exact(self._sparse) or _is_marked(self._sparse, "needs_couplings"):
+        if self._is_exact or self._needs_all_couplings:
             factorisation.replace(self._sparse, tangent.for_factorisation())
-        elif self._needs_couplings and not _is_marked(self._sparse, "adds_couplings"):
+        elif self._needs_couplings and not self._adds_couplings:
             self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
         else:
             self._sparse.setOperators(tangent.A)
@@ -266,19 +288,20 @@ class BorderedPreconditioner:
         """
         operator = self._operator
         # The flexible Krylov method allows another preconditioner within a solve.
-        if _is_outdated(self._sparse):
+        if getattr(self._context, "is_outdated", False):
             # PETSc does not set up for a matrix again unless it has changed.
             operator.A.A.stateIncrease()
             self._set_up_sparse(is_new_step=False)
         self._applications += 1
         r, s = operator.composite.split(x)
         self._sparse.apply(r, self._out)
-        right = s - operator.rows(self._out.array_r)
-        try:
-            δy: Array = np.linalg.solve(self._schur, right)
-        except np.linalg.LinAlgError:
-            # The iteration has diverged.  PETSc detects NaN on all ranks, and the step is repeated.
-            δy = np.full_like(right, np.nan)
+        δy: Array = s - operator.rows(self._out.array_r)
+        if δy.size:
+            _, _, δy, zero_pivot = self._solve_dense(self._schur, δy)
+            if zero_pivot:
+                # The iteration has diverged.  PETSc detects NaN on all ranks, and the step is
+                # repeated.
+                δy[:] = np.nan
         self._Z.add(self._out, -δy)
         operator.composite.join(self._out, δy, out)
 
@@ -344,27 +367,6 @@ def _choose_gmres(ksp: PETSc.KSP) -> None:
     # On the right, so that the tolerance refers to the true residual.
     ksp.setPCSide(PETSc.PC.Side.RIGHT)
     ksp.setTolerances(rtol=LINEAR_RTOL, max_it=MAX_KSP_ITERATIONS)
-
-
-def _is_marked(pc: PETSc.PC, mark: str) -> bool:
-    """Whether a preconditioner takes the tangent with all couplings of contact
-    (`needs_couplings`), or adds them itself (`adds_couplings`)."""
-    return pc.getType() == "python" and getattr(pc.getPythonContext(), mark, False)
-
-
-def _keep_factors(pc: PETSc.PC) -> bool:
-    """Let a preconditioner use the factors of an earlier matrix for the next one, if it can;
-    whether it does, so that the next matrix need not be summed."""
-    if pc.getType() != "python":
-        return False
-    keep_factors = getattr(pc.getPythonContext(), "keep_factors", None)
-    return keep_factors is not None and keep_factors()
-
-
-def _is_outdated(pc: PETSc.PC) -> bool:
-    """Whether a preconditioner is to be set up again within a solve, as its factors are those of an
-    earlier matrix and no longer serve."""
-    return pc.getType() == "python" and getattr(pc.getPythonContext(), "is_outdated", False)
 
 
 def recover(pc: PETSc.PC) -> None:

@@ -47,6 +47,7 @@ import math
 import time
 import weakref
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -85,16 +86,16 @@ SMALL_RESIDUAL_RATIO = 1e-5
 COMPLETE_TANGENT_RATIO = 0.01
 
 
-def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
+def _weak_method(method: Any) -> Callable[..., Any]:
     """A bound method with only a weak reference to its object.  The garbage collector does not see
     references held by a solver of PETSc, so an ordinary bound method would make a reference cycle
     that is never freed."""
-    reference = weakref.WeakMethod(method)
+    # `weakref.WeakMethod` would make two more calls in each.
+    reference = weakref.ref(method.__self__)
+    function = method.__func__
 
-    def call(*args: P.args, **keywords: P.kwargs) -> T:
-        bound = reference()
-        assert bound is not None
-        return bound(*args, **keywords)
+    def call(*args: Any) -> Any:
+        return function(reference(), *args)
 
     return call
 
@@ -120,6 +121,7 @@ class Newton:
         round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
             steps.
         convergence: test of convergence of the last solve.
+        ksp: PETSc's solver of the linear systems.
         stall_rule: when an iteration is given up; None: not before its last iterate.
         iterations: of the last solve, also if it failed.
         all_iterations: of all solves.
@@ -158,6 +160,8 @@ class Newton:
         # Shares of the lengths of the updates of an iteration that remain, see `_limit_update`.
         self._kept_shares: list[float] = []
         self._r = system.numbering.vector()
+        # w of the last residual, and that from which the strains of the next one are linear.
+        self._w_evaluated = system.numbering.vector()
         self._linearisation_point = system.numbering.vector()
         self._diagonal = system.numbering.vector()
         self.convergence = ConvergenceTest(tolerances, bool(system.active_sets))
@@ -178,6 +182,7 @@ class Newton:
         self._snes = PETSc.SNES().create(system.comm)
         self._snes.setOptionsPrefix(PREFIX)
         self._snes.setType("newtonls")
+        self.ksp = self._snes.getKSP()
         self._refuse_line_search()
         self._snes.setFunction(_weak_method(self._function), self._F)
         # A linear solve that ends at its limit of iterations still gives an inexact Newton step.
@@ -229,11 +234,6 @@ class Newton:
         outer.setType("python")
         outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse, system))
         return J
-
-    @property
-    def ksp(self) -> PETSc.KSP:
-        """PETSc's solver of the linear systems."""
-        return self._snes.getKSP()
 
     # ---- a solve ---------------------------------------------------------------------------------
 
@@ -315,6 +315,7 @@ class Newton:
             F.set(math.nan)
             return
         w, y = self._split(x)
+        w.copy(self._w_evaluated)
         started = time.perf_counter()
         self.system.set_increment(w, self._linearisation_point)
         self._add_time("law", started)
@@ -367,37 +368,33 @@ class Newton:
         """
         iteration = snes.getIterationNumber()
         test = self.convergence
-        is_near = test.norm < min(
+        may_reuse = self.system.numbering.full and iteration
+        is_near = may_reuse and test.norm < min(
             REUSE_FACTORS_BELOW_TOLERANCE * test.tolerance,
             REUSE_FACTORS_RATIO * test.reference,
         )
-        if self._is_refining or (is_near and self.system.numbering.full and iteration):
-            self._note_linearisation_point()
+        if self._is_refining or is_near:
+            self._w_evaluated.copy(self._linearisation_point)
             return
         started = time.perf_counter()
         is_far = test.norm > COMPLETE_TANGENT_RATIO * test.reference
         is_delayed = is_far and iteration < self.geometric_stiffness_delay
-        self._set_geometric_stiffness(0.0 if is_delayed else 1.0)
+        if is_delayed:
+            self._set_geometric_stiffness(0.0)
         A = self._tangent()
-        # Complete again at once, so that no other user of the system gets a tangent without it.
-        self._set_geometric_stiffness(1.0)
+        if is_delayed:
+            # Complete again at once, so that no other user of the system gets a tangent without it.
+            self._set_geometric_stiffness(1.0)
         self._add_time("tangent", started)
         if self._bordered is not None:
             self._bordered.set(*self._coupling())
             J.assemble()
         self._update_round_off_floor(A)
-        self._note_linearisation_point()
+        self._w_evaluated.copy(self._linearisation_point)
         self._choose_linear_tolerance()
-
-    def _note_linearisation_point(self) -> None:
-        """Let the strains of the next iterate be linear from this one."""
-        w, _ = self._split(self._snes.getSolution())
-        w.copy(self._linearisation_point)
 
     def _set_geometric_stiffness(self, share: float) -> None:
         """Choose the share of the geometric stiffness in tangents, 0 or 1."""
-        if share == self.system.geometric:
-            return
         self.system.geometric = share
         for at in self.system.coordinates.values():
             at.γ.value = share

@@ -17,6 +17,7 @@ from petsc4py import PETSc
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
+from gossamer_fx.core.algebra.rotations import LAST, NEXT
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.core.model.state import InitialState, State
@@ -149,10 +150,6 @@ class Increment:
 
 
 SAME_PATTERN = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
-
-# Components of a cross product: (a × b)[i] = a[NEXT[i]] b[LAST[i]] - a[LAST[i]] b[NEXT[i]].
-NEXT = [1, 2, 0]
-LAST = [2, 0, 1]
 
 
 class System:

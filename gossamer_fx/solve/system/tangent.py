@@ -46,7 +46,7 @@ class Tangent:
         for C in self._matrices or ():
             C.destroy()
         found = [pairs.coupling_blocks() for pairs in self._active_sets]
-        self._blocks = [blocks for blocks in found if blocks is not None and len(blocks.values)]
+        self._blocks = [blocks for blocks in found if blocks is not None and blocks.values.size]
         self._matrices = None
         if None in found:
             self._blocks = []
@@ -152,14 +152,17 @@ class BlockSum:
         """Return the sum of A and couplings with their present values, at least one block, as the
         matrix of the last call or a new one."""
         keys = [blocks.rows * self._row_count + blocks.columns for blocks in couplings]
-        all_keys = np.concatenate(keys)
-        if not _are_among(all_keys, self._keys).all():
-            self._make(all_keys)
+        positions = [self._keys.searchsorted(some) for some in keys]
+        for at, some in zip(positions, keys, strict=True):
+            if not self._keys.size or (self._keys.take(at, mode="clip") != some).any():
+                self._make(np.concatenate(keys))
+                positions = [self._keys.searchsorted(some) for some in keys]
+                break
         # Without `mode` NumPy would fill a copy of the array first.
-        np.take(self._values_of_A, self._positions_in_A, axis=0, out=self._values, mode="clip")
+        self._values_of_A.take(self._positions_in_A, axis=0, out=self._values, mode="clip")
         self._values[self._added] = 0
-        for blocks, some in zip(couplings, keys, strict=True):
-            self._values[np.searchsorted(self._keys, some)] += blocks.values[:, BY_COLUMNS]
+        for blocks, at in zip(couplings, positions, strict=True):
+            self._values[at] += blocks.values[:, BY_COLUMNS]
         self._matrix.stateIncrease()
         return self._matrix
 

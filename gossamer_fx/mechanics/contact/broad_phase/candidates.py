@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
-from gossamer_fx.core.algebra.rotations import rotations
+from gossamer_fx.core.algebra.rotations import LAST, NEXT, rotations
 from gossamer_fx.mechanics.contact.broad_phase.box_tree import (
     BoxTree,
     Nearness,
@@ -157,21 +157,26 @@ class RigidDrift:
         """Return the rigid motion, from a time [s] on, that is nearest to velocities v (n, 3) [m/s]
         of points x (n, 3) [m] of all ranks; collective."""
         sums = np.concatenate([x.sum(axis=0), v.sum(axis=0), [len(x)]])
-        sums = comm.allreduce(sums)
+        comm.Allreduce(MPI.IN_PLACE, sums)
         centre = sums[:3] / sums[6]
         velocity = sums[3:6] / sums[6]
         # Vectors from the centre to the points (n, 3) [m]
         r = x - centre
         # Least squares: the angular momentum of points of unit mass is that of the rigid motion.
-        own_inertia = np.sum(r**2) * np.eye(3) - r.T @ r
-        inertia = comm.allreduce(own_inertia)
-        angular_momentum = comm.allreduce(np.cross(r, v).sum(axis=0))
+        # Both follow from the sums of r_i r_j and r_i v_j.
+        moments = np.stack([r.T @ r, r.T @ v])
+        comm.Allreduce(MPI.IN_PLACE, moments)
+        of_points, of_motion = moments
+        inertia = np.trace(of_points) * np.eye(3) - of_points
+        angular_momentum = of_motion[NEXT, LAST] - of_motion[LAST, NEXT]
         spin = np.linalg.lstsq(inertia, angular_momentum, rcond=INERTIA_TOLERANCE)[0]
         return cls(time, centre, velocity, spin)
 
     def velocities(self, x: Array) -> Array:
         """Return the velocities (n, 3) [m/s] of points x (n, 3) at the beginning."""
-        return self.velocity + np.cross(self.spin, x - self.centre)
+        a, b, c = self.spin
+        turned = (x - self.centre) @ np.array([[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]])
+        return np.asarray(self.velocity + turned)
 
     def undone(self, x: Array, time: float) -> Array:
         """Return where points that are at x (n, 3) [m] at a time [s] would be without the drift:
@@ -457,7 +462,10 @@ def find_candidates(
         area=mesh.areas(pairs.kind, pairs.points, pairs.primitives),
         radius=mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point],
     )
-    return candidates.followed_by(mesh.boundary_pairs()), counts
+    # Most scenes have none.
+    if mesh.boundaries:
+        candidates = candidates.followed_by(mesh.boundary_pairs())
+    return candidates, counts
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:

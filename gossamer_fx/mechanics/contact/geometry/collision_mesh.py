@@ -270,7 +270,7 @@ class CollisionMesh:
         share = self.share
         found = np.empty(len(sides), dtype=np.int64)
         for kind in Sides:
-            rows = np.flatnonzero(sides == kind)
+            rows = (sides == kind).nonzero()[0]
             first, second = primitives[rows].T
             # Indices of what this rank knows become numbers that are the same on all ranks.
             if kind == Sides.POINT_TRIANGLE:

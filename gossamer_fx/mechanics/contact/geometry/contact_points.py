@@ -237,14 +237,14 @@ class ContactPoints:
         """
         x = self.of_block_rows(q)
         if not self._are_block_rows:
-            x = np.asarray(self.weights @ x)
+            x = self.weights @ x
         if self.count > self.body_count:
             whole = np.zeros((self.count, 3))
             whole[: len(x)] = x
             x = whole + self._constants
             for points, motion in self._moved:
                 x[points] += motion.at(time)
-        return np.ascontiguousarray(x)
+        return x
 
     def rates(self, v: PETSc.Vec, time: float, step: float) -> Array:
         """Return the velocities (m, 3) [m/s] of the points of a contact for rates v of the
@@ -283,7 +283,8 @@ class ContactPoints:
         """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
         if self.comm.size == 1:
             # Six times as fast as a scatter.
-            return np.asarray(q.array_r[self._dofs])
+            found: Array = q.array_r[self._dofs]
+            return found
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
@@ -294,7 +295,7 @@ class ContactPoints:
             on_block_rows = np.asarray(self.weights.T @ force)
         if self.comm.size == 1:
             with r as values:
-                values[self._dofs.ravel()] += on_block_rows.ravel()
+                values[self._dofs] += on_block_rows
             return
         # The messages of the scatter are known beforehand, unlike those of single entries of a
         # vector.

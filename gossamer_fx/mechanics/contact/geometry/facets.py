@@ -179,10 +179,12 @@ class CollisionPrimitives:
         points (n, 1), (n, 2) or (n, 3); `lower, upper`: corners (m, 3) [m] of a box round each
         point.  The box of a primitive holds those of its points; it is fixed where all of them are.
         """
-        least = lower[primitives].min(axis=1)
-        greatest = upper[primitives].max(axis=1)
-        boxes = np.ascontiguousarray(np.hstack([least, greatest]))
-        is_fixed: ByteArray = np.asarray(self.is_fixed[primitives].all(axis=1), dtype=np.uint8)
+        # Point by point: along the short axis of (n, k) NumPy takes several times as long.
+        corners = primitives.T
+        boxes = np.empty((len(primitives), 6))
+        np.minimum.reduce(lower[corners], out=boxes[:, :3])
+        np.maximum.reduce(upper[corners], out=boxes[:, 3:])
+        is_fixed: ByteArray = np.minimum.reduce(self.is_fixed[corners])
         return FilteredPrimitives(boxes, self._labels_of(primitives), is_fixed)
 
     def _labels_of(self, primitives: Int32Array) -> Int32Array:

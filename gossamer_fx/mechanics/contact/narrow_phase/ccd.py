@@ -53,7 +53,7 @@ def find_violations(
     """
     min_gap = KEPT_GAP * np.minimum(gap, activation_distance)
     can_come_near = approach > gap - min_gap
-    rows = np.flatnonzero(can_come_near & ~is_boundary(candidates.kind) & among)
+    rows = (can_come_near & ~is_boundary(candidates.kind) & among).nonzero()[0]
     collisions = find_collisions(
         candidates.geometry(rows),
         x0,
@@ -96,7 +96,7 @@ def find_collisions(
         motion.pointer,
         c.array("keeps_gap", keeps_gap, "uint8", (count,), writable=True),
     )
-    return np.flatnonzero(keeps_gap == 0)
+    return (keeps_gap == 0).nonzero()[0]
 
 
 # Angle [rad] between two bodies in one step up to which straight lines are accepted: they are

@@ -96,7 +96,7 @@ class PairDistances:
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
         """Return squared distances s (k,) and parameters (k, 2) of the closest points of some pairs
         (mask (n,)), as the function of this name.  What is not known is computed; `gap` stays."""
-        missing = np.flatnonzero(rows & ~self._is_known)
+        missing = (rows & ~self._is_known).nonzero()[0]
         if len(missing):
             self._compute(missing)
         return self._squared_distance[rows], self._parameters[rows]
