@@ -211,6 +211,7 @@ def simulation(make, comm, monkeypatch=None, **options):
         monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
         monkeypatch.setattr(eliminated_joints, "MAX_ELIMINATED", 0)
         monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_FRAMES", 0)
+        monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_JOINTS", 0)
     run = gx.Simulation(gx.Scene(*make(comm)), gx.Midpoint(dt=1e-3), **options)
     if monkeypatch is not None:
         monkeypatch.undo()
@@ -228,6 +229,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     monkeypatch.setattr(two_level, "ILU_LEVELS", 1000)
     monkeypatch.setattr(two_level, "ILU_LEVELS_DIFFICULT", 1000)
     monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_FRAMES", 0)
+    monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_JOINTS", 0)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     system = run.system
     begin_iteration(run, 1e-3)
@@ -307,9 +309,10 @@ def test_a_gradient_is_that_of_a_factorisation(monkeypatch):
     np.testing.assert_allclose(found[0], found[1], atol=1e-7 * np.abs(found[1]).max())
 
 
-def test_a_run_is_freed(monkeypatch):
+@pytest.mark.parametrize("make", [chain, hinged])
+def test_a_run_is_freed(make, monkeypatch):
     """PETSc holds the context of the operator and of the preconditioner of the condensed system."""
-    run = simulation(chain, MPI.COMM_SELF, monkeypatch)
+    run = simulation(make, MPI.COMM_SELF, monkeypatch)
     run.run(until=1e-3)
     left = [weakref.ref(one) for one in (run.system, run.solver)]
     ranks = run.comm
@@ -320,13 +323,14 @@ def test_a_run_is_freed(monkeypatch):
     assert [one() for one in left] == [None, None]
 
 
-def test_a_restart_goes_on_as_the_run(monkeypatch, tmp_path):
+@pytest.mark.parametrize("make", [chain, hinged])
+def test_a_restart_goes_on_as_the_run(make, monkeypatch, tmp_path):
     """A checkpoint has multipliers and coordinates; the rules of ties are found again."""
     options = {"checkpoints": gx.Checkpoints(tmp_path / "saves", every=2)}
-    whole = simulation(chain, MPI.COMM_SELF, monkeypatch)
-    half = simulation(chain, MPI.COMM_SELF, monkeypatch, **options)
+    whole = simulation(make, MPI.COMM_SELF, monkeypatch)
+    half = simulation(make, MPI.COMM_SELF, monkeypatch, **options)
     half.run(until=2e-3)
-    rest = simulation(chain, MPI.COMM_SELF, monkeypatch, restart=tmp_path / "saves")
+    rest = simulation(make, MPI.COMM_SELF, monkeypatch, restart=tmp_path / "saves")
     assert rest.step == 2
     for run in (whole, rest):
         run.run(until=4e-3)
