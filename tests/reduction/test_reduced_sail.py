@@ -270,6 +270,11 @@ def test_shapes_and_fields_that_a_reduced_film_cannot_have_are_told_in_one_sente
         gx.fields.field_values(run, reduced, field="stress1")
     _, strain = gx.fields.field_values(run, reduced, field="strain1")
     assert np.isfinite(strain).all()
+    # It ended the program by a memory fault.
+    air = gx.IdealGas(gamma=1.4, R=287.0)
+    bag = gx.Chamber(reduced, gas=air, pressure=1.0, temperature=300.0, dead_volume=1.0)
+    with pytest.raises(gx.InputError, match="gas needs the film itself"):
+        gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=1e-3))
 
 
 @pytest.mark.mpi
