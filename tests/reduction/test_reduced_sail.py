@@ -270,7 +270,9 @@ def test_shapes_and_fields_that_a_reduced_film_cannot_have_are_told_in_one_sente
         gx.fields.field_values(run, reduced, field="stress1")
     _, strain = gx.fields.field_values(run, reduced, field="strain1")
     assert np.isfinite(strain).all()
-    # It ended the program by a memory fault.
+    # These ended the program by memory faults.
+    with pytest.raises(gx.InputError, match="without triangles that meet"):
+        gx.probes.Crossings(reduced)
     air = gx.IdealGas(gamma=1.4, R=287.0)
     bag = gx.Chamber(reduced, gas=air, pressure=1.0, temperature=300.0, dead_volume=1.0)
     with pytest.raises(gx.InputError, match="gas needs the film itself"):
