@@ -314,8 +314,8 @@ def reduce(
             weights: the sum of the forces is near that of all cells, their moment less so.
 
     Raises:
-        InputError: there are no shapes, they are of another mesh or hold fewer modes, or the film
-            has more than strains, bending and mass.
+        InputError: there are no shapes, they are of another mesh or hold fewer modes, the film has
+            more than strains, bending and mass, or `cells` are given and a shape is unstable.
 
     Example:
         >>> shapes = gx.reduction.Snapshots(film)

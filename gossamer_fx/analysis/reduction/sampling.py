@@ -45,6 +45,7 @@ from gossamer_fx.analysis.reduction.basis import Basis
 from gossamer_fx.analysis.reduction.bending import ModalBending
 from gossamer_fx.analysis.reduction.points import own_cells, points_and_areas
 from gossamer_fx.analysis.reduction.reduced_energies import projected
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import evaluate
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
@@ -104,8 +105,8 @@ def sample_cells(basis: Basis, most: int, bending: ModalBending | None, seed: in
 
     The examples give the equations for the weights of this rank's cells; every rank solves its own,
     and only the stiffness and the error are sums over ranks.  The seed of the random motions is the
-    same on every rank.  An example whose stiffness plus its shift is not positive definite, e.g. of
-    a buckled shape, raises `LinAlgError`.
+    same on every rank.  `InputError`: the stiffness of an example plus its shift is not positive
+    definite, e.g. of a buckled shape.
     """
     film = basis.film
     comm = film.comm
@@ -185,6 +186,11 @@ def _factor(K: Array) -> Array:
     symmetric = (K + K.T) / 2
     eigenvalues = np.linalg.eigvalsh(symmetric)
     shift = max(eigenvalues[RIGID_MOTIONS], MIN_STIFFNESS_RATIO * eigenvalues[-1])
+    check(
+        eigenvalues[0] + shift > 0,
+        "reduce: cells are sampled about recorded shapes, and one of these is compressed so that "
+        "its stiffness is negative; leave cells out, or record less violent motions.",
+    )
     return np.linalg.cholesky(symmetric + shift * np.eye(len(K)))
 
 

@@ -33,7 +33,7 @@ from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.quality import area_vectors
-from gossamer_fx.core.model.body import Array, Port, unit
+from gossamer_fx.core.model.body import Array, Port, has_nodal_unknowns, unit
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Side, Triangles
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
@@ -235,7 +235,11 @@ def named_triangles(film: Membrane, surface: tuple[str, ...], user: str) -> np.n
 
 
 def all_triangles(film: Membrane) -> np.ndarray:
-    """All local triangles of a film (owned and ghost)."""
+    """All local triangles of a film (owned and ghost).  `InputError`: it is a reduced film."""
+    check(
+        has_nodal_unknowns(film),
+        f"'{film.name}' is a reduced film, whose triangles are samples; gas needs the film itself.",
+    )
     index_map = film.mesh.domain.topology.index_map(2)
     return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
 

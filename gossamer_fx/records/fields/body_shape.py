@@ -24,6 +24,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms.analysis import extract_constants
 
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import MeshBody
@@ -113,12 +114,14 @@ class BodyShape:
         self._curvature: ThermalCurvature | None = None
         if getattr(self.body, "thermal", None) is not None:
             self._add_expansion()
-        # Strains that the branches of a viscoelastic body add, and what sets them
-        self._branches: list[tuple[fem.Function, Callable[[], None]]] = [
-            branch.shown_strain(self.rule.acts_at_end)
+        # The branches of a viscoelastic body
+        self._relaxing = [
+            branch
             for compiled in system.compiled_as(_HasBranches)
             for branch in compiled.branches_of(body)
         ]
+        # Strains that they add where a stress is shown, and what sets them
+        self._branches: list[tuple[fem.Function, Callable[[], None]]] = []
 
     def _add_expansion(self) -> None:
         """Set the thermal strain of the body, if the scene has one, and make its thermal curvature.
@@ -162,12 +165,20 @@ class BodyShape:
         `path_points`."""
         e0, e1 = self.strain_path()
         is_point = e0 is e1
+        body = self._state.body
+        check(
+            self.body is body or not self._relaxing,
+            f"'{body.name}': the stress of a film that is reduced and relaxes is not known in all "
+            "its cells; ask for other fields, e.g. displacement and strain1.",
+        )
+        if not self._branches:
+            at_end = self.rule.acts_at_end
+            self._branches = [branch.shown_strain(at_end) for branch in self._relaxing]
         for strain, _ in self._branches:
             e0 += strain
             e1 += strain
         if is_point:
             return gradient(self.body.density, e1)
-        body = self._state.body
         energy = next(
             term
             for term in self._system.terms

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.c_source import c_library
-from gossamer_fx.core.model.body import Array, MeshBody
+from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.contact.broad_phase.candidates import import_facets
 from gossamer_fx.mechanics.contact.compiled import CompiledContact
@@ -241,7 +241,7 @@ class Crossings:
         bodies: one or several, in the scene.
 
     Raises:
-        InputError: no film, one twice, or something else.
+        InputError: no film, one twice, a reduced one, or something else.
 
     Example:
         >>> import gossamer_fx as gx
@@ -255,6 +255,10 @@ class Crossings:
             check(
                 not any(film is other for other in bodies[:k]),
                 f"Crossings: '{film.name}' is given twice.",
+            )
+            check(
+                has_nodal_unknowns(film),
+                f"Crossings: '{film.name}' is reduced, without triangles that meet; give the film.",
             )
         self.bodies = bodies
         self._mesh = ForSystem(
