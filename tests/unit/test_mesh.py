@@ -228,6 +228,31 @@ def test_what_stands_beside_or_behind_a_mesh_is_not_executed(tmp_path: Path) -> 
     assert not mark.exists()
 
 
+LEFT_OUT = {
+    # One triangle of three nodes and one of six, on the same surface.
+    "orders": ("2 2 2 1 1 3 4", '2 2 "film"', "triangles of both orders"),
+    "names": ("9 2 2 1 1 3 4 7 8 9", '1 1 "film"\n2 2 "film"', "two groups 'film'"),
+}
+
+
+@pytest.mark.parametrize("what", LEFT_OUT)
+def test_what_would_be_left_out_of_a_file_is_refused(tmp_path: Path, what: str) -> None:
+    """gmsh left out triangles of another order, and the second group of a name took the first."""
+    element, names, words = LEFT_OUT[what]
+    points = ["0 0", "1 0", "1 1", "0 1", ".5 0", "1 .5", ".5 .5", ".5 1", "0 .5"]
+    nodes = "\n".join(f"{k} {xy} 0" for k, xy in enumerate(points, 1))
+    parts = {
+        "MeshFormat": "2.2 0 8",
+        "PhysicalNames": f"{names.count('film')}\n{names}",
+        "Nodes": f"9\n{nodes}",
+        "Elements": f"3\n1 9 2 2 1 1 2 3 5 6 7\n2 {element}\n3 8 2 1 1 1 4 9",
+    }
+    path = tmp_path / "a.msh"
+    path.write_text("".join(f"${name}\n{part}\n$End{name}\n" for name, part in parts.items()))
+    with pytest.raises(InputError, match=words):
+        read_mesh(path, MPI.COMM_SELF)
+
+
 def bow_tie(model):
     """An outline that crosses itself, on which gmsh hangs."""
     points = [model.geo.addPoint(x, y, 0, 0.3) for x, y in ((0, 1), (1, 0), (1, 1), (0, 0))]

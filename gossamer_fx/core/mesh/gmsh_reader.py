@@ -171,7 +171,20 @@ def _kind_and_order(model: Any, dim: int) -> tuple[str, int]:
         len(types) == 1 and types <= set(_KINDS),
         f"The mesh is made of {names}; use triangles (or line elements) of one order, 1 or 2.",
     )
+    # gmsh hands over the triangles of one order of each surface, and leaves out the others.
+    given = sum(len(tags) for tags in model.mesh.getElements(dim)[1])
+    _check(
+        dim != 2 or _gmsh_count("Mesh.NbTriangles") == given,
+        "The mesh has triangles of both orders on one surface; use one order, 1 or 2.",
+    )
     return _KINDS[types.pop()]
+
+
+def _gmsh_count(what: str) -> int:
+    """A number of gmsh's statistics of the present model."""
+    import gmsh
+
+    return int(gmsh.option.getNumber(what))
 
 
 def _tagged(model: Any, dim: int) -> list[tuple[int, int]]:
@@ -222,6 +235,10 @@ def _groups(model: Any, dim: int, used: Integers) -> dict[str, tuple[int, Intege
             "Elements of the mesh's groups have one node twice; write the mesh again.",
         )
         name = model.getPhysicalName(d, group) or str(group)
+        _check(
+            name not in groups,
+            f"The mesh has two groups '{name}', of points, curves or surfaces; give each its name.",
+        )
         groups[name] = d, np.searchsorted(used, nodes)
     return groups
 
