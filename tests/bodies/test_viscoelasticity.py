@@ -70,6 +70,37 @@ def test_a_standard_linear_solid_relaxes_as_its_exponential(comm):
     assert lost == pytest.approx(ratio * elastic - left, rel=1e-6)
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_tension_and_stress_are_those_that_a_balance_would_show(comm, order, tmp_path):
+    """A load cell between a mass that swings and a cord that relaxes; a film that is held."""
+    cord = gx.Cable(line(comm, ENDS, 3), gx.CableLaw(1e3, 1e-9), order=order)
+    mass = gx.PointMass(0.1, ENDS[1], comm=comm)
+    cell = gx.constraints.BallJoint(mass.port(), cord.port("end"), name="cell")
+    strip = gx.Membrane(sheet(comm, 2, 2, 0.2, 0.1), LAW, order=order)
+    grip = gx.Fixed(strip, "film", motion=lambda X, t: 1e-3 * (t > 0) * X)
+    branches = {"ratios": (0.8, 0.3), "times": (2e-3, 2e-2)}
+    scene = gx.Scene(
+        gx.loads.Viscoelasticity(cord, name="cord relaxes", **branches),
+        gx.loads.Viscoelasticity(strip, name="strip relaxes", **branches),
+        gx.Fixed(cord, "start"),
+        gx.Gravity(mass, (100.0, 0.0, 0.0)),
+        cell,
+        grip,
+    )
+    folder = comm.bcast(str(tmp_path), root=0)
+    checkpoints = gx.Checkpoints(folder, every=None)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), checkpoints=checkpoints)
+    run.run(until=0.005)
+    for state in (run, gx.Simulation(scene, gx.Midpoint(dt=1e-3), restart=folder)):
+        measured = abs(gx.probes.JointForce(cell, axis="x")(run))
+        assert gx.probes.Tension(cord)(state) == pytest.approx(measured, rel=1e-4)
+        stress = gx.fields.field_values(state, strip, field="stress1", at="end")[1]
+        relaxed = LAW.E / (1 - LAW.nu) * (1e-3 + 0.5e-6)
+        held = [r * math.exp(-4.5e-3 / t) for r, t in zip(*branches.values(), strict=True)]
+        assert stress == pytest.approx(relaxed * (1 + sum(held)), rel=0.02)
+
+
 @pytest.mark.mpi(1)
 @pytest.mark.parametrize("make", [film, cable, beam])
 def test_a_free_body_loses_what_is_booked_and_keeps_its_momenta(comm, make):

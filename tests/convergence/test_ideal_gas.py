@@ -201,6 +201,27 @@ def test_piston_on_several_ranks_is_the_same(comm):
     assert shared == pytest.approx(alone, rel=1e-11)
 
 
+@pytest.mark.mpi
+def test_a_piston_in_air_swings_by_nanometres(comm):
+    """Forces of 1 kN on both sides have a round-off that the motion must not be asked to beat."""
+    outside = gx.gas.Ambient(1e5, 300.0)
+    mass = gx.PointMass(2.0, velocity=(1e-6, 0.0, 0.0), comm=comm)
+    cylinder = gx.Chamber(
+        gx.gas.Piston(mass.port(), 0.01, direction=(1.0, 0.0, 0.0)),
+        gas=AIR,
+        pressure=1e5,
+        temperature=300.0,
+        dead_volume=1e-3,
+        outside=outside,
+    )
+    run = gx.Simulation(gx.Scene(mass, cylinder), gx.Midpoint(dt=1e-3))
+    run.run(until=0.05)
+    frequency = (AIR.gamma * 1e5 * 0.01**2 / 1e-3 / 2.0) ** 0.5
+    swung = gx.probes.Position(mass.port(), "x")(run)
+    assert swung * frequency / 1e-6 == pytest.approx(np.sin(frequency * 0.05), abs=5e-3)
+    assert abs(run.energy_error) <= 1e-12
+
+
 def test_piston_is_of_second_order():
     steps = [2e-3, 5e-4]
     times = [0.3, 0.5]

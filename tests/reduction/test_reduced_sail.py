@@ -121,8 +121,9 @@ def test_mass_momentum_and_energy_at_the_start_are_the_films(recorded) -> None:
     assert reduced.totals.kinetic <= limit  # the projection leaves out, it adds nothing
 
 
-def test_with_all_modes_it_is_the_film() -> None:
-    film = sail(cells=2)
+@pytest.mark.parametrize("stress", [None, lambda X: 1e4 * (1 + X[0])])
+def test_with_all_modes_it_is_the_film(stress) -> None:
+    film = sail(cells=2, initial_stress=stress)
     noise = gx.reduction.Snapshots(film)
     rng = np.random.default_rng(3)
     # Nine nodes: with noise as snapshots the six modes and the rotation span all motions.

@@ -16,9 +16,10 @@ import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube_section import capped_cylinder
 from gossamer_fx.solve.solvers import condensed_constraints, eliminated_joints, two_level
 from gossamer_fx.solve.solvers.condensed_constraints import CondensedConstraints
-from tests.small_scenes import begin_iteration
+from tests.small_scenes import AIR, begin_iteration
 
 LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
 
@@ -105,7 +106,35 @@ def braced(comm):
     return [*items, gx.RigidMotion(spin=(3.0, -5.0, 20.0)), gx.Gravity(film, (0.0, 0.0, -50.0))]
 
 
-SCENES = (chain, plane, braced)
+def hinged(comm):
+    """A film tied to two beams that a revolute joint connects; bodies that slide and turn on one
+    another, that form a chain, and that a rod holds at a distance from a corner of the film."""
+    film = gx.Membrane(sheet(comm, 12, 12), LAW, name="film")
+    section = gx.sections.tube(0.01, 5e-4, E=1e9, nu=0.3, density=1500.0)
+    lower = gx.Beam(line(comm, [(0, 0, 0), (0, 0.5, 0)], 6), section, name="lower")
+    upper = gx.Beam(line(comm, [(0, 0.5, 0), (0, 1, 0)], 6), section, name="upper")
+    inertia = (1e-5, 2e-5, 3e-5)
+    hub = gx.RigidBody(0.01, inertia, position=(0.0, 1.0, 0.0), comm=comm, name="hub")
+    rider = gx.RigidBody(0.01, inertia, position=(0.0, 1.2, 0.0), comm=comm, name="rider")
+    bob = gx.RigidBody(0.01, inertia, position=(1.2, 1.2, 0.1), comm=comm, name="bob")
+    joints = gx.constraints
+    items = [film, lower, upper, hub, rider, bob]
+    for k, beam in ((0, lower), (2, lower), (8, upper), (12, upper)):
+        point = (0.0, k / 12, 0.0)
+        tie = joints.BallJoint(film.port_at(point), beam.port_at(point), name=f"tie {k}")
+        items.append(tie)
+    top = hub.frame_at((0.0, 1.0, 0.0))
+    items += [
+        joints.RevoluteJoint(lower.frame("end"), upper.frame("start"), axis=(1.0, 0.0, 0.0)),
+        joints.FixedJoint(upper.frame("end"), top, name="weld"),
+        joints.CylindricalJoint(hub.frame(), rider.frame(), axis=(0.0, 1.0, 0.0)),
+        joints.Link(film.port_at((1.0, 1.0, 0.0)), bob.port(), name="rod"),
+        joints.BallJoint(lower.port("start"), gx.Ground((0.0, 0.0, 0.0)), name="nail"),
+    ]
+    return [*items, gx.RigidMotion(spin=(3.0, -5.0, 20.0)), gx.Gravity(film, (0.0, 0.0, -50.0))]
+
+
+SCENES = (chain, plane, braced, hinged)
 
 
 def leaf(comm, cells, angle, spin, name):
@@ -142,6 +171,39 @@ def stiff_book(comm):
     return [lower, upper, beam, tie, *joints, contact]
 
 
+def inflated_book(comm):
+    """The same without the beam, and a bag of gas hangs on a seam below the lower film."""
+    lower, upper, tie, contact = book(comm)
+    radius = 0.02
+    bag = gx.Membrane(
+        capped_cylinder(comm, radius, 0.1, 8, 4),
+        LAW,
+        name="bag",
+        displacement=lambda X: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] - radius]),
+    )
+    seam = []
+    for k in (1, 2, 3):
+        on_bag = bag.port_at((k / 40, 0.0, radius))
+        on_film = lower.port_at((k / 40, 0.0, 0.0))
+        seam.append(gx.constraints.BallJoint(on_bag, on_film, name=f"stitch {k}"))
+    gas = gx.Chamber(bag, gas=AIR, pressure=20.0, temperature=300.0)
+    return [lower, upper, bag, tie, *seam, gas, contact]
+
+
+def stiff_bag(comm):
+    """A bag of gas on a beam."""
+    bag = gx.Membrane(capped_cylinder(comm, 0.02, 0.1, 12, 6), LAW, name="bag")
+    section = gx.sections.tube(2e-4, 5e-5, E=1e9, nu=0.3, density=1500.0)
+    beam = gx.Beam(line(comm, [(0, 0, 0.02), (0.1, 0, 0.02)], 6), section, name="beam")
+    joints = []
+    for k in range(1, 6):
+        point = (k / 60, 0.0, 0.02)
+        joint = gx.constraints.BallJoint(bag.port_at(point), beam.port_at(point), name=f"tie {k}")
+        joints.append(joint)
+    gas = gx.Chamber(bag, gas=AIR, pressure=20.0, temperature=300.0)
+    return [bag, beam, *joints, gas, gx.Gravity(beam, (0.0, 0.0, -50.0))]
+
+
 def simulation(make, comm, monkeypatch=None, **options):
     """The run of a scene; with `monkeypatch` by Krylov iterations, whatever its size."""
     if monkeypatch is not None:
@@ -169,7 +231,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     system = run.system
     begin_iteration(run, 1e-3)
-    exact = condensed_constraints.for_constraints(system, 60, is_alone=True)
+    exact = condensed_constraints.for_constraints(system, 60)
     A = system.tangent()
     pc = PETSc.PC().create(comm)
     pc.setOperators(A)
@@ -184,7 +246,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
 
 
 @pytest.mark.mpi(1)
-@pytest.mark.parametrize("make", SCENES)
+@pytest.mark.parametrize("make", [*SCENES, stiff_bag])
 def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
     """Energies, multipliers and Newton iterations are those of the complete factorisation on one
     rank, and the constraints hold to round-off."""
@@ -210,8 +272,8 @@ def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("make", [book, stiff_book])
-def test_steps_with_contact_are_those_of_a_factorisation(make, comm, monkeypatch):
+@pytest.mark.parametrize(("make", "most"), [(book, 3), (stiff_book, 3), (inflated_book, 10)])
+def test_steps_with_contact_are_those_of_a_factorisation(make, most, comm, monkeypatch):
     """Couplings of contact, some at tied nodes and at nodes that a beam holds, are condensed."""
     run = simulation(make, comm, monkeypatch)
     other = simulation(make, MPI.COMM_SELF)
@@ -228,8 +290,8 @@ def test_steps_with_contact_are_those_of_a_factorisation(make, comm, monkeypatch
     assert stored[0] == pytest.approx(stored[1], rel=1e-6)
     assert run.system.constraints.violation(run.system.q0) < 1e-13
     assert newton.all_iterations <= 1.5 * other.solver.newton.all_iterations
-    # Hardly more than one for one: the preconditioner has the couplings.
-    assert newton.linear_iterations < 3 * newton.all_iterations
+    # Hardly more than one for one: the preconditioner has the couplings.  Slack film takes more.
+    assert newton.linear_iterations < most * newton.all_iterations
 
 
 def test_a_gradient_is_that_of_a_factorisation(monkeypatch):

@@ -110,6 +110,37 @@ def test_factors_are_kept_within_a_step_and_the_steps_stay_the_same(monkeypatch)
 
 
 @pytest.mark.mpi
+def test_factors_that_no_longer_serve_are_replaced_within_a_solve(comm, monkeypatch):
+    """Kept factors of which nothing is left: each solve still converges, with new ones."""
+    monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
+    run = ikaros.build(comm, pitch=0.64, until=0.05).simulation([])
+    newton = run.solver.newton
+    keep_factors = EliminatedJoints.keep_factors
+    spoilt = []
+    iterations = []  # of all solves but the last
+
+    def spoil(preconditioner):
+        iterations.append(newton.ksp.getIterationNumber())
+        # Without contact PETSc asks a second time, when the factors are first applied.
+        if preconditioner._is_kept and not preconditioner._applications:
+            return True
+        if not keep_factors(preconditioner):
+            return False
+        identity = PETSc.PC().create(comm)
+        identity.setType("none")
+        identity.setOperators(preconditioner._incomplete.getOperators()[0])
+        preconditioner._incomplete = identity
+        spoilt.append(identity)
+        return True
+
+    monkeypatch.setattr(EliminatedJoints, "keep_factors", spoil)
+    run.run(until=4e-3)
+    assert spoilt
+    # Eight iterations with the old factors, and some with the new ones.
+    assert max(iterations) <= 16
+
+
+@pytest.mark.mpi
 def test_one_application_solves_where_the_films_are_factorised_completely(comm, monkeypatch):
     """With enough levels of fill and an overlap of the whole film F̃ is F, and the elimination
     exact, multipliers included."""

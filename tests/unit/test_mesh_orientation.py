@@ -119,6 +119,19 @@ def test_the_enclosed_volume_of_a_tube_with_open_ends(comm, share):
     assert mesh.enclosed_volume() == pytest.approx(section * length, rel=1e-12)
 
 
+def test_curved_triangles_enclose_what_they_bulge_by(comm):
+    from gossamer_fx.meshes.sphere import sphere
+    from gossamer_fx.meshes.tube_section import cylinder
+
+    ball = sphere(comm, 1.0, 8, 2)
+    # The flat triangles of its corners enclose 3.43 m³, the ball 4.19.
+    assert ball.enclosed_volume() == pytest.approx(flux(ball, lambda x: x / 3), rel=1e-12)
+    assert ball.enclosed_volume() == pytest.approx(4 / 3 * math.pi, rel=6e-3)
+    # Its open ends are spanned.
+    tube = cylinder(comm, 0.5, 2.0, 12, 4, order=2)
+    assert abs(tube.enclosed_volume()) == pytest.approx(math.pi / 2, rel=1e-3)
+
+
 def test_a_line_mesh_encloses_nothing(comm):
     from gossamer_fx.meshes.line import line
 

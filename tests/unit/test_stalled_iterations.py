@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.core.checks.errors import Inadmissible, NotConverged
 from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers.convergence import StallRule
 from gossamer_fx.solve.solvers.newton import Newton
+from gossamer_fx.solve.steppers.midpoint import DELAYED_STEPS, GEOMETRIC_STIFFNESS_DELAY
 
 # Residuals [N] that come down and then alternate, as those of film that switches its state.
 STALLED = [40.0, 1.0, 0.1, *[0.2, 0.09, 0.3, 0.15] * 2]
@@ -71,3 +73,35 @@ def test_friction_may_stay_at_one_residual(comm, friction: float, is_given_up: b
 def test_an_equilibrium_has_no_step_that_could_be_divided(comm) -> None:
     system = film_above_a_floor(comm, friction=0.0).compile(AtRest())
     assert Newton(system, gx.Tolerances()).stall_rule is None
+
+
+def test_a_step_that_fails_and_those_after_it_begin_without_geometric_stiffness(
+    comm, monkeypatch
+) -> None:
+    """One repetition, then the step is given up; the next ones do not begin as it did."""
+    solver = gx.Simulation(film_above_a_floor(comm, 0.0), gx.Midpoint(dt=1e-4)).solver
+    outcomes: list[type[Exception] | None] = []
+    delays = []
+
+    def attempt(h: float) -> int:
+        delays.append(solver.newton.geometric_stiffness_delay)
+        failure = outcomes.pop(0)
+        if failure:
+            raise failure
+        return 1
+
+    monkeypatch.setattr(solver, "_attempt", attempt)
+    late = GEOMETRIC_STIFFNESS_DELAY
+    outcomes += [None, NotConverged, NotConverged, Inadmissible, NotConverged]
+    solver.step(1e-4)
+    for failure in (NotConverged, Inadmissible, NotConverged):
+        with pytest.raises(failure):
+            solver.step(1e-4)
+    assert delays == [0, 0, late, late, late]
+    # So does a run that continues from a checkpoint.
+    solver.set_history(solver.get_history())
+    delays.clear()
+    outcomes += [None] * (DELAYED_STEPS + 1)
+    for _ in range(DELAYED_STEPS + 1):
+        solver.step(1e-4)
+    assert delays == [late] * DELAYED_STEPS + [0]

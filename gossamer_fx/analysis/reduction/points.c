@@ -37,12 +37,13 @@ static void mean_images(const point_gradients *at, ptrdiff_t i, double *mean)
 void forces(const point_stresses *stresses, const point_gradients *at, double *N)
 {
     for (ptrdiff_t i = 0; i < stresses->count; i++) {
+        const double *initial = stresses->initial + 3 * i;
         const double *strain = stresses->strain + 3 * i;
         const double *S = stresses->response + RESPONSE * i;
         const double *D = S + 3;
         double change[3];
         strain_of(at->F + 6 * i, change);
-        for (int j = 0; j < 3; j++) change[j] -= strain[j];
+        for (int j = 0; j < 3; j++) change[j] += initial[j] - strain[j];
         double stress[3];
         for (int j = 0; j < 3; j++) stress[j] = (S[j] + dot(D + 3 * j, change)) * stresses->dA[i];
         double mean[6];

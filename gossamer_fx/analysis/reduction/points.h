@@ -12,7 +12,8 @@
 typedef struct {
     ptrdiff_t count;        /* q */
     const double *dA;       /* (q) [m^2] */
-    const double *strain;   /* (q, 3) of the iterate */
+    const double *initial;  /* (q, 3) initial strain, added to that of F */
+    const double *strain;   /* (q, 3) of the iterate, with the initial one */
     const double *response; /* (q, 12) */
 } point_stresses;
 

@@ -88,6 +88,16 @@ def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:
     return found
 
 
+def initial_strains(film: Membrane, points: Array) -> Array:
+    """The initial strain (q, 3) of a film at points (p, 2) of own cells; q = cells · p."""
+    cells = own_cells(film)
+    initial = film.initial_strain
+    if initial is None:
+        return np.zeros((len(cells) * len(points), 3))
+    values = evaluate(compile_expression(initial, points), film.space.mesh, cells)
+    return values.reshape(-1, 3)
+
+
 # The C functions of these points.
 HEADER = Path(__file__).parent / "points.h"
 
@@ -101,15 +111,23 @@ class Points:
     They have reference areas dA (cells, p) [m²], times the weights of sampled cells; gradients G
     (q, 2, r) [1/m] of the modes; strains (q, 3) at the start of the last step, `past`, of this
     step, `start`, and of the iterate, `strain`; and as `response` (q, 12) the mean stress S_mean
-    [N/m] (3) from start to strain, and its derivatives by the strain (9).  `may_choose` is that of
-    `terms.law_kernel.PointLaw`.
+    [N/m] (3) from start to strain, and its derivatives by the strain (9).  Strains contain the
+    `initial` ones (q, 3).  `may_choose` is that of `terms.law_kernel.PointLaw`.
     """
 
     def __init__(
-        self, functions: LawFunctions, cells: Indices, dA: Array, G: Array, *, may_choose: bool
+        self,
+        functions: LawFunctions,
+        cells: Indices,
+        dA: Array,
+        G: Array,
+        initial: Array,
+        *,
+        may_choose: bool,
     ) -> None:
         self._c = c_library(HEADER, functions.strain.function_space.mesh.comm)
         q, _, self._r = G.shape
+        self._initial = initial
         self.past = np.zeros((q, 3))
         self.start = np.zeros((q, 3))
         self.strain = np.zeros((q, 3))
@@ -133,6 +151,7 @@ class Points:
             {
                 "count": q,
                 "dA": self._c.array("dA", self._dA, "float64", (q,)),
+                "initial": self._c.array("initial", initial, "float64", (q, 3)),
                 "strain": self._c.array("strain", self.strain, "float64", (q, 3)),
                 "response": self._c.array("response", self.response, "float64", (q, RESPONSE)),
             },
@@ -179,6 +198,7 @@ class Points:
         out = self._c.array("strains", strains, "float64", self.strain.shape, writable=True)
         count = len(strains)
         self._c.lib.strains(count, self._images(self._F), self._images(dF), out)
+        strains += self._initial
 
     def energy(self) -> float:
         """Stored energy [J] of this rank's cells at the start of the step."""

@@ -26,6 +26,7 @@ from scipy.sparse import csr_matrix
 
 from gossamer_fx.analysis.reduction.points import (
     Points,
+    initial_strains,
     mode_gradients,
     own_cells,
     points_and_areas,
@@ -138,6 +139,7 @@ class ModeForces:
             own_cells(film),
             dA=dA * term.weights[:, None],
             G=mode_gradients(film, term.modes, reference_points),
+            initial=initial_strains(film, reference_points),
             # A quadratic energy has one linear stress: there is nothing to choose.
             may_choose=not term.quadratic and not rule.acts_at_end,
         )

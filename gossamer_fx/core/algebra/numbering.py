@@ -6,7 +6,7 @@ runs rank by rank, and on each rank block after block, so every rank owns one co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import pairwise
 
@@ -92,28 +92,44 @@ class Numbering:
     """Global indices of the unknowns of all blocks, and vectors and matrices of that layout.
 
     Each rank owns one contiguous range: its share of block 0, then of block 1, and so on.  A block
-    is the unknowns of one body; blocks have the same order on all ranks.
+    is the unknowns of one body; blocks have the same order on all ranks.  Behind them may stand one
+    or two unknowns that nothing depends on, where they complete a block of three of the matrix.
+
+    Args:
+        comm: the ranks.
+        blocks: those of all bodies.
+        multipliers: those of Lagrange multipliers, which stand behind them.
 
     Attributes:
+        blocks: of bodies and multipliers.
         size, size_local: number of unknowns on all ranks, and of those that this rank owns.
+        unused: range of those of this rank that nothing depends on, at its end.
         start: global index of the first of them.
         local_starts: for each block the index of its first unknown in the local part of a vector;
-            the last entry is `size_local`.
+            the last entry is the end of the last block.
         indices: for each block the global indices of its owned and ghost unknowns.
-        local_sets: for each block the index set of these among the local unknowns of all blocks.
-        block_size: unknowns of a node if all nodes have equally many; otherwise 3 if all nodes
-            consist of vectors, and 1 if some do not.
+        local_sets: for each body the index set of these among the local unknowns of all blocks.
+        block_size: unknowns of a node if all nodes have equally many; otherwise 3 if the nodes of
+            all bodies consist of vectors, and 1 if some do not.
         full: whether matrices are dense.
         fixed: the matrix whose pattern does not change, see `fix_pattern`.
     """
 
-    def __init__(self, comm: MPI.Intracomm, blocks: list[Block]) -> None:
+    def __init__(
+        self, comm: MPI.Intracomm, blocks: list[Block], multipliers: Sequence[Block] = ()
+    ) -> None:
         """Number the unknowns of all blocks, rank by rank and block by block.  Collective."""
         self.fixed: PETSc.Mat | None = None
         self.comm = comm
+        # dolfinx enters the unknowns of a node as one block, which PETSc accepts if its own blocks
+        # have the same size.  Multipliers are entered one by one.
+        self.block_size = _common_block_size({b.size for b in blocks}, bool(multipliers))
+        blocks = [*blocks, *multipliers]
         self.blocks = blocks
         sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)
-        self.size_local = int(sizes.sum())
+        used = int(sizes.sum())
+        self.size_local = used + -used % self.block_size
+        self.unused = slice(used, self.size_local)
         # exscan leaves rank 0 without a value.
         self.start = int(comm.exscan(self.size_local) or 0)
         self.local_starts = np.concatenate([[0], np.cumsum(sizes)])
@@ -125,22 +141,20 @@ class Numbering:
         self._node_starts = [np.array(comm.allgather(b.index_map.local_range[0])) for b in blocks]
         self.indices = [self._block_indices(k) for k in range(len(blocks))]
 
-        # dolfinx enters the unknowns of a node as one block, which PETSc accepts if its own blocks
-        # have the same size.
-        self.block_size = _common_block_size({b.size for b in blocks})
-
         largest = max((b.size for b in blocks), default=0)
         has_large_node = largest >= DENSE_NODE_SIZE and largest >= DENSE_NODE_SHARE * self.size
         self.full = comm.size == 1 and has_large_node
 
-        everything = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *self.indices])
+        unused = np.arange(used, self.size_local) + self.start
+        everything = np.concatenate([*self.indices, unused]).astype(PETSc.IntType)
         nodes = everything[:: self.block_size] // self.block_size
         self._map = PETSc.LGMap().create(
-            nodes.astype(PETSc.IntType),
+            nodes,
             bsize=self.block_size,
             comm=comm,
         )
-        ends = np.cumsum([0] + [len(indices) for indices in self.indices])
+        bodies = self.indices[: len(blocks) - len(multipliers)]
+        ends = np.cumsum([0] + [len(indices) for indices in bodies])
         self.local_sets = [self._local_set(start, end) for start, end in pairwise(ends)]
 
     def _local_set(self, start: int, end: int) -> PETSc.IS:
@@ -203,11 +217,12 @@ class Numbering:
         self.fixed = A
 
 
-def _common_block_size(sizes: set[int]) -> int:
-    """Size of the blocks of a matrix whose nodes have these numbers of unknowns: the number itself
-    if there is only one; 3 if all are multiples of 3; otherwise 1.  A rigid body has four vectors
-    and its multipliers two, so that one of them in a scene of films leaves the blocks of three."""
-    if len(sizes) == 1:
+def _common_block_size(sizes: set[int], has_multipliers: bool) -> int:
+    """Size of the blocks of a matrix whose bodies' nodes have these numbers of unknowns: the number
+    itself if there is only one, and no multiplier; 3 if all are multiples of 3; otherwise 1.  A
+    rigid body has four vectors, so that one of them in a scene of films leaves the blocks of three.
+    """
+    if len(sizes) == 1 and not has_multipliers:
         return next(iter(sizes))
     has_vectors = bool(sizes) and all(size % 3 == 0 for size in sizes)
     return 3 if has_vectors else 1

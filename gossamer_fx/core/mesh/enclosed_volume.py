@@ -1,11 +1,12 @@
 """Volume that a surface encloses, whose sign tells to which side the normals point, and triangles
 turned so that normals agree and point outwards.
 
-Volume (`enclosed_by`).  With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6; it
-is positive if the normals point outwards.  An open surface is closed for this purpose: each of its
-rims is spanned by a fan of triangles between the edges of the rim and the mean of its points.  If
-the fans are small against the surface, as those of the polar rings of a balloon, the surface has an
-inside; if they are not, as that of the rim of a reflector, its sides are equal.
+Volume (`enclosed_by`).  With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6, of
+curved ones of order 2 Σ ⅓∫x·(∂x/∂ξ × ∂x/∂η) dξ dη; it is positive if the normals point outwards.
+An open surface is closed for this purpose: each of its rims is spanned by a fan of triangles
+between the edges of the rim and the mean of its points.  If the fans are small against the surface,
+as those of the polar rings of a balloon, the surface has an inside; if they are not, as that of the
+rim of a reflector, its sides are equal.
 
 Consistent normals (`oriented`): triangles are turned so that neighbours have their normals on the
 same side.  Two neighbours agree if they pass their common edge in opposite directions.  Fronts and
@@ -19,6 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh as dmesh
@@ -26,9 +28,10 @@ from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.gmsh_reader import BadMesh, Integers, RawMesh
-from gossamer_fx.core.mesh.quality import area_vectors, box, corner_points
+from gossamer_fx.core.mesh.quality import area_vectors, box
 from gossamer_fx.core.model.body import Array
 
 # Area of the fans over that of the surface, up to which the surface has an inside.  A tube of ten
@@ -59,11 +62,12 @@ def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
     """What a mesh of triangles encloses; of several surfaces the sums.  Neighbouring triangles have
     their normals on the same side.  Collective."""
     comm = domain.comm
-    corners = corner_points(domain)
-    low, high = box(comm, corners.reshape(-1, 3))
+    low, high = box(comm, domain.geometry.x)
+    owned = domain.topology.index_map(2).size_local
     # From the middle of the mesh, so that round-off of a distance from the origin does not count.
-    corners = corners - (low + high) / 2
-    ends, numbers = _rim_edges(domain, table, corners)
+    nodes = domain.geometry.x[geometry_nodes(domain)[:owned]] - (low + high) / 2
+    corners = nodes[:, :3]
+    ends, numbers = _rim_edges(domain, table, nodes)
     # Rims are short, and one may be on several ranks: each rank spans all of them.
     all_ends = np.concatenate(comm.allgather(ends))
     all_numbers = np.concatenate(comm.allgather(numbers))
@@ -75,7 +79,7 @@ def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
         rim_volume = float(volumes(fans).sum())
         rim_area = float(np.linalg.norm(area_vectors(fans), axis=1).sum())
     area = float(np.linalg.norm(area_vectors(corners), axis=1).sum())
-    volume = float(volumes(corners).sum())
+    volume = float((volumes(corners) if nodes.shape[1] == 3 else _curved_volumes(nodes)).sum())
     return Enclosed(
         volume=comm.allreduce(volume, op=MPI.SUM) + rim_volume,
         area=comm.allreduce(area, op=MPI.SUM),
@@ -105,6 +109,17 @@ def volumes(corners: Array) -> Array:
     return np.einsum("ij,ij->i", x0, np.cross(x1, x2)) / 6
 
 
+def _curved_volumes(nodes: Array) -> Array:
+    """Signed volumes (n,) [m³] between the origin and triangles of order 2, nodes (n, 6, 3) [m]."""
+    triangle = basix.CellType.triangle
+    points, weights = (np.asarray(part) for part in basix.make_quadrature(triangle, 4))
+    element = basix.create_element(basix.ElementFamily.P, triangle, 2)
+    shapes = np.asarray(element.tabulate(1, points))[..., 0]
+    x, along, across = np.einsum("kqd,ndi->knqi", shapes, nodes)
+    found: Array = np.einsum("q,nqi,nqi->n", weights, x, np.cross(along, across)) / 3
+    return found
+
+
 def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, int]:
     """Corners (n, 3, 3) [m] of triangles that span the rims of a surface, from each edge to the
     mean of its rim's points, with normals that agree with the surface; and the number of rims.
@@ -127,13 +142,13 @@ def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, i
 
 
 def _rim_edges(
-    domain: dmesh.Mesh, table: EdgeTable, corners: Array
+    domain: dmesh.Mesh, table: EdgeTable, nodes: Array
 ) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Edges of this rank's triangles, with vertices (m, 3, 3) [m], that no other triangle has: both
-    ends (n, 2, 3) [m], in the direction in which the triangle passes them, and their global numbers
-    (n, 2)."""
+    """Edges of this rank's triangles, with nodes (m, 3, 3) or (m, 6, 3) [m], that no other triangle
+    has: both ends (n, 2, 3) [m], in the direction in which the triangle passes them, and their
+    global numbers (n, 2).  A curved edge is given as two straight ones that span the same area."""
     topology = domain.topology
-    owned = len(corners)
+    owned = len(nodes)
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)[:owned]
     vertices = topology.connectivity(2, 0).array.reshape(-1, 3)[:owned]
     numbers = topology.index_map(0).local_to_global(vertices.ravel()).reshape(-1, 3)
@@ -141,8 +156,20 @@ def _rim_edges(
     # Edge i is opposite vertex i; its triangle passes it from vertex i + 1 to vertex i + 2.
     first = (side + 1) % 3
     last = (side + 2) % 3
-    ends = np.stack([corners[cell, first], corners[cell, last]], axis=1)
-    return ends, np.stack([numbers[cell, first], numbers[cell, last]], axis=1)
+    ends = np.stack([nodes[cell, first], nodes[cell, last]], axis=1)
+    numbers_of_ends = np.stack([numbers[cell, first], numbers[cell, last]], axis=1)
+    if nodes.shape[1] == 3:
+        return ends, numbers_of_ends
+    # The area below a parabola is that of a triangle of 4/3 of its height.  Of the nodes of a cell
+    # number 3 + i is on edge i.
+    middle = ends.mean(axis=1)
+    tips = middle + 4 / 3 * (nodes[cell, 3 + side] - middle)
+    beyond_vertices = topology.index_map(0).size_global
+    number_of_tips = beyond_vertices + topology.index_map(1).local_to_global(edges[cell, side])
+    halves = [np.stack([ends[:, 0], tips], axis=1), np.stack([tips, ends[:, 1]], axis=1)]
+    first_half = np.column_stack([numbers_of_ends[:, 0], number_of_tips])
+    last_half = np.column_stack([number_of_tips, numbers_of_ends[:, 1]])
+    return np.concatenate(halves), np.concatenate([first_half, last_half])
 
 
 # ---- consistent normals --------------------------------------------------------------------------

@@ -306,6 +306,11 @@ class GasNetwork(ScalarUnknowns):
     def add_tangents(self, A: PETSc.Mat) -> None:
         self.geometry.add_tangents(A)
 
+    def force_square(self) -> float:
+        """Of the pressures inside: those outside are nearly as large where a chamber is in air."""
+        forces = [self.y[k] * enclosure.gradients()[0] for k, enclosure in self._enclosures.items()]
+        return sum(float(force @ force) for force in forces)
+
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Return the blocks of the Newton matrix by which the gas is coupled to the bodies: G are
         the forces [N] of a unit of the unknowns y, H the derivatives of the scaled gas balance by

@@ -18,7 +18,8 @@ with E = exp(-h/τ) let y = z0 + ½ Δe.  Then
 (4) holds exactly, as ψ is quadratic; its last part, which is not negative, is the loss.  Under a
 held strain (2) is exact for any h; else it is of second order in h, as it is the midpoint rule with
 2 tanh(h/2τ) in place of h/τ.  Stresses are linear in the strain, so that momenta are conserved as
-those of damping are.
+those of damping are.  Law and branches together have the stress ψ'(e + Σ r_k z_k), of a step that
+at the means of e and z_k; fields and probes show it.
 
 At rest the branches have relaxed: a search for equilibrium has the law alone.
 
@@ -118,7 +119,7 @@ class Viscoelasticity:
         check(
             isinstance(body, Beam) or body.law.quadratic,
             f"{what}: the law of '{body.name}' is not quadratic in the strain; "
-            "use one that is, such as Linear or CableLaw.",
+            "use one that is, such as Linear or a CableLaw of Green strain.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -185,13 +186,18 @@ class RelaxingEnergies(ElementEnergies, HistoryVariables):
             forces.take_history()
 
     def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
-        """The elastic strains by number of the term, of its branch, and of the row in `history`."""
+        """The elastic strains by number of the term, of its branch (or of the mean), and of the row
+        in `history`."""
         found = {}
         for i, forces in enumerate(self._relaxing):
-            for k, z in enumerate(forces.history):
+            for k, z in enumerate([*forces.history, forces.mean]):
                 for j, values in enumerate(z):
                     found[f"elastic strain {i} {k} {j}"] = forces.term.body, values
         return found
+
+    def branches_of(self, body: MeshBody) -> list[RelaxingForces]:
+        """Those of a body, whose strains stress fields add."""
+        return [forces for forces in self._relaxing if forces.term.body is body]
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,6 +219,7 @@ class RelaxingForces(ViscousForces):
         in_step: whether the next state that is committed is the end of a step.
         history: z_k of each branch, a row for each component at each point of the n cells that
             this rank owns.
+        mean: Σ r_k z_k in the mean of the last step, as one of `history`.
     """
 
     term: RelaxingEnergy
@@ -231,6 +238,7 @@ class RelaxingForces(ViscousForces):
         self._ratios = [constant(mesh, ratio) for ratio in term.ratios]
         count = self._rows.shape[1] * size
         self.history = [np.zeros((count, len(self._rows))) for _ in term.times]
+        self.mean = np.zeros((count, len(self._rows)))
         self.in_step = False
         super().__init__(term, at, rule)
         energies = [r * term.density(z) for r, _, z in self._branches()]
@@ -276,11 +284,38 @@ class RelaxingForces(ViscousForces):
         (size,) = self._strain.function_space.value_shape
         # Δe in the order of `history`: a column for each cell.
         in_cells = change.reshape(-1, size)[self._rows].reshape(len(self._rows), -1).T
+        self.mean[:] = self._sum() / 2
         for E, z in zip(self._decays, self.history, strict=True):
             decay = float(E.value)
             z *= decay
             z += (1 + decay) / 2 * in_cells
+        self.mean += self._sum() / 2
         self.take_history()
+
+    def _sum(self) -> Array:
+        """Σ r_k z_k, as one of `history`."""
+        parts = [r * z for r, z in zip(self.term.ratios, self.history, strict=True)]
+        return np.asarray(sum(parts))
+
+    def shown_strain(self, at_end: bool) -> tuple[fem.Function, Callable[[], None]]:
+        """Σ r_k z_k at the end of the last step, or in its mean, as a discontinuous function, and
+        what sets it through the values at the quadrature points of each cell."""
+        space = self._strain.function_space
+        (size,) = space.value_shape
+        order = self.term.body.space.ufl_element().degree - 1
+        smooth = fem.functionspace(space.mesh, ("Discontinuous Lagrange", order, (size,)))
+        function = fem.Function(smooth)
+        [shapes] = smooth.ufl_element().sub_elements[0].tabulate(0, interpolation_points(space))
+        through_points = np.linalg.pinv(shapes)
+        nodes = cell_nodes(smooth)[: len(self._rows)]
+
+        def update() -> None:
+            at_points = self._sum() if at_end else self.mean
+            values = at_points.T.reshape(len(nodes), -1, size)
+            function.x.array.reshape(-1, size)[nodes] = through_points @ values
+            function.x.scatter_forward()
+
+        return function, update
 
     def take_history(self) -> None:
         """Copy the history to the functions of the forms."""

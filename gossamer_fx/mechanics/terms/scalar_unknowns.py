@@ -85,6 +85,11 @@ class ScalarUnknowns(HistoryVariables):
         coordinates."""
         return
 
+    def force_square(self) -> float:
+        """This rank's part of the square [N²] of the forces that cancel in those of `add_force`, of
+        which `System.force_scale` takes the round-off."""
+        return 0.0
+
     def inadmissible(self) -> str:
         """In words, what cannot be in the solution of a step, e.g. a negative volume; else
         nothing."""

@@ -8,16 +8,16 @@ means over the last accepted step, unless they are asked for `at="end"`.  The st
 the mean is: of rules that take the stress at the end of a step, or in its middle, it is that one,
 and so it is in statics.
 
-All of them follow from the coordinates at both ends of the last step, which checkpoints contain.
-Nothing is stored for them during a run.
+All of them follow from the coordinates at both ends of the last step, which checkpoints contain,
+and of viscoelastic bodies from the strains of their branches.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 from weakref import WeakSet
 
 import ufl
@@ -52,6 +52,13 @@ At = Literal["mean", "end"]
 # Points of the path of a step, in the middles of equal parts, for laws that do not give the pieces
 # of the path.  Where the state changes on it, shares of the path are right to half of a part.
 PATH_POINTS = tuple((k + 0.5) / 20 for k in range(20))
+
+
+@runtime_checkable
+class _HasBranches(Protocol):
+    """Viscoelastic bodies, whose stress is that of a larger strain."""
+
+    def branches_of(self, body: MeshBody) -> list[Any]: ...
 
 
 def rule_at(at: At, system: System) -> StressRule:
@@ -106,6 +113,12 @@ class BodyShape:
         self._curvature: ThermalCurvature | None = None
         if getattr(self.body, "thermal", None) is not None:
             self._add_expansion()
+        # Strains that the branches of a viscoelastic body add, and what sets them
+        self._branches: list[tuple[fem.Function, Callable[[], None]]] = [
+            branch.shown_strain(self.rule.acts_at_end)
+            for compiled in system.compiled_as(_HasBranches)
+            for branch in compiled.branches_of(body)
+        ]
 
     def _add_expansion(self) -> None:
         """Set the thermal strain of the body, if the scene has one, and make its thermal curvature.
@@ -148,7 +161,11 @@ class BodyShape:
         """Stress ∂ψ/∂e of the body, as the step used it; of a law in C to be summed over
         `path_points`."""
         e0, e1 = self.strain_path()
-        if e0 is e1:
+        is_point = e0 is e1
+        for strain, _ in self._branches:
+            e0 += strain
+            e1 += strain
+        if is_point:
             return gradient(self.body.density, e1)
         body = self._state.body
         energy = next(
@@ -183,6 +200,8 @@ class BodyShape:
         self._reconstruct(self.v, self._state.rates().ravel())
         if self.q_start is not None:
             self._reconstruct(self.q_start, self._before.coordinates().ravel())
+        for _, set_strain in self._branches:
+            set_strain()
         if self._curvature is not None:
             self._curvature.set(self._curvature.difference, self._system.time)
 

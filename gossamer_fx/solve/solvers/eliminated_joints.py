@@ -24,7 +24,8 @@ Algorithm.
 2. Once a step, compute Z by an application of F̃⁻¹ to each column of B, and factorise Σ.
 3. In each Krylov iteration, apply (2) and (3).
 4. Within a step keep F̃ for the next Newton iteration while solves with it take few Krylov
-   iterations.  F̃ of the first iterate is not kept: the first update is by far the largest one.
+   iterations, and replace it within a solve that takes more.  F̃ of the first iterate is not kept:
+   the first update is by far the largest one.
 5. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a
    solve has taken more of them than a complete factorisation costs, factorise the other matrices of
    the step completely.  Each further step in a row in which that happens doubles the number of
@@ -185,6 +186,13 @@ class EliminatedJoints:
         self._applications = 0
         self._is_kept = True
         return True
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether the present solve has taken more Krylov iterations with factors of an earlier
+        matrix than new ones cost.  Where many points of a film switch, it would not converge with
+        them: of a sail that opens, every other solve took all 60 iterations."""
+        return self._is_kept and self._applications > MAX_APPLICATIONS_TO_KEEP
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Set up for the present matrix, unless earlier factors serve; called by PETSc.  A

@@ -197,10 +197,10 @@ class BorderedPreconditioner:
         # The kind of a preconditioner does not change.
         self._is_exact = factorisation.is_exact(sparse)
         context = sparse.getPythonContext() if sparse.getType() == "python" else None
+        self._context = context
         # What lets it use the factors of an earlier matrix for the next one, if it can; returns
         # whether it does, so that the next matrix need not be summed.
         self._keep_factors: Callable[[], bool] | None = getattr(context, "keep_factors", None)
-        self._needs_all_couplings = getattr(context, "needs_couplings", False)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._fresh_applications: int | None = None  # of the first solve with the present Z
@@ -241,6 +241,12 @@ class BorderedPreconditioner:
         self._step = None
         recover(self._sparse)
 
+    def _is_marked(self, mark: str) -> bool:
+        """Whether a preconditioner takes the tangent with all couplings of contact
+        (`needs_couplings`), adds them itself (`adds_couplings`), or is to be set up again within a
+        solve, as its factors are those of an earlier matrix (`is_outdated`)."""
+        return bool(getattr(self._context, mark, False))
+
     def _set_up_sparse(self, is_new_step: bool) -> None:
         """Set up the preconditioner of the coordinates' tangent, with or without the couplings of
         contact."""
@@ -249,9 +255,9 @@ class BorderedPreconditioner:
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
         if self._keep_factors is not None and self._keep_factors():
             return
-        if self._is_exact or self._needs_all_couplings:
+        if self._is_exact or self._is_marked("needs_couplings"):
             factorisation.replace(self._sparse, tangent.for_factorisation())
-        elif self._needs_couplings:
+        elif self._needs_couplings and not self._is_marked("adds_couplings"):
             self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
         else:
             self._sparse.setOperators(tangent.A)
@@ -284,6 +290,11 @@ class BorderedPreconditioner:
         repeated.
         """
         operator = self._operator
+        # The flexible Krylov method allows another preconditioner within a solve.
+        if self._is_marked("is_outdated"):
+            # PETSc does not set up for a matrix again unless it has changed.
+            operator.A.A.stateIncrease()
+            self._set_up_sparse(is_new_step=False)
         self._applications += 1
         r, s = operator.composite.split(x)
         self._sparse.apply(r, self._out)
@@ -304,9 +315,8 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
     A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
     Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
-    those of ties are condensed, and in large systems those of beams and rigid bodies; few of others
-    are eliminated (`condensed_constraints.for_constraints`), with many the matrix is factorised,
-    too.
+    few are eliminated, many condensed, those of beams and rigid bodies in large systems only
+    (`condensed_constraints.for_constraints`).
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
@@ -323,13 +333,13 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         # Imported here, as scenes without joints must not pay for it.
         from gossamer_fx.solve.solvers import condensed_constraints
 
-        # Scalar unknowns need a separate preconditioner.
-        is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
-        context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS, is_alone)
+        context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS)
         if context is not None:
             _choose_gmres(ksp)
             pc.setType("python")
             pc.setPythonContext(context)
+            # Scalar unknowns need a separate preconditioner.
+            is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
             if is_alone and isinstance(context, condensed_constraints.CondensedConstraints):
                 ksp.setType("python")
                 ksp.setPythonContext(condensed_constraints.CondensedSolver(context))

@@ -102,17 +102,20 @@ class Increment:
         """Forget the masses of the last `force_scale`."""
         self._masses = None
 
-    def force_scale(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
+    def force_scale(
+        self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec, other_square: float
+    ) -> float:
         """Reference force [N] for the round-off of a residual, the norm of what cancels in it:
         diag(K) q1 and diag(c M)(w + o), from the diagonal of the tangent, diag(K) + diag(c M)
-        [N/m].  Fixed coordinates do not count: their forces are reactions.  Collective."""
+        [N/m], and others, of which this rank's part of the square [N²] is given.  Fixed coordinates
+        do not count: their forces are reactions.  Collective."""
         inertia = self._diagonal_inertia(M)
         offset = 0.0 if self._offset is None else self._offset.array_r
         elastic = (diagonal.array_r - inertia) * q1.array_r
         inertial = inertia * (self._w.array_r + offset)
         forces = np.stack([elastic, inertial])
         forces[:, self._supports.held] = 0.0
-        square = float(np.vdot(forces, forces))
+        square = float(np.vdot(forces, forces)) + other_square
         if self._comm.size > 1:
             square = self._comm.allreduce(square)
         return square**0.5
@@ -224,8 +227,8 @@ class System:
             if issubclass(kind, Multipliers)
             for block in kind.multipliers(alike, self.comm)
         ]
-        blocks = [body.block for body in self.bodies] + multipliers
-        self.numbering = numbering = Numbering(self.comm, blocks)
+        blocks = [body.block for body in self.bodies]
+        self.numbering = numbering = Numbering(self.comm, blocks, multipliers)
         self._block_of = {body: NumberedBlock(numbering, k) for k, body in enumerate(self.bodies)}
         # Distributed vectors of all unknowns, without ghosts: coordinates [m] at the start (q0) and
         # the end (q1) of the step, velocities [m/s] at its start, and q0 of the step before.
@@ -322,9 +325,11 @@ class System:
             free = self.free_marks()
             # Constraints have to hold at the start: a step would close a gap with a jump.
             self.constraints.validate(self.q0, self.v0, free)
-            # Multipliers of constraints between fixed points have no equation; they are held at
-            # zero.
-            self.supports.hold(self.constraints.idle(free, self.q0))
+            # Multipliers of constraints between fixed points have no equation, and neither have
+            # unknowns that complete a block of the matrix; they are held at zero.
+            idle = self.constraints.idle(free, self.q0)
+            everything = np.arange(self.numbering.size_local)
+            self.supports.hold(np.union1d(idle, everything[self.numbering.unused]))
         self.q0.copy(self.previous)
         self.restart()
         if self.constraints and not self.rule.is_static and self._close_gaps():
@@ -818,7 +823,8 @@ class System:
     def force_scale(self, diagonal: PETSc.Vec) -> float:
         """Norm [N] of the forces that cancel in the last residual: the scale of its round-off, from
         the diagonal of the tangent."""
-        return self.increment.force_scale(self.M, diagonal, self.q1)
+        of_scalars = sum(scalars.force_square() for scalars in self.scalar_unknowns)
+        return self.increment.force_scale(self.M, diagonal, self.q1, of_scalars)
 
     def round_off_energy(self, diagonal: PETSc.Vec) -> float:
         """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the
