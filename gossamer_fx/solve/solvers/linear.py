@@ -201,9 +201,6 @@ class BorderedPreconditioner:
         # What lets it use the factors of an earlier matrix for the next one, if it can; returns
         # whether it does, so that the next matrix need not be summed.
         self._keep_factors: Callable[[], bool] | None = getattr(context, "keep_factors", None)
-        # Whether it takes the tangent with all couplings of contact, or adds the strong ones.
-        self._needs_all_couplings = getattr(context, "needs_couplings", False)
-        self._adds_couplings = getattr(context, "adds_couplings", False)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._fresh_applications: int | None = None  # of the first solve with the present Z
@@ -244,6 +241,12 @@ class BorderedPreconditioner:
         self._step = None
         recover(self._sparse)
 
+    def _is_marked(self, mark: str) -> bool:
+        """Whether a preconditioner takes the tangent with all couplings of contact
+        (`needs_couplings`), adds them itself (`adds_couplings`), or is to be set up again within a
+        solve, as its factors are those of an earlier matrix (`is_outdated`)."""
+        return bool(getattr(self._context, mark, False))
+
     def _set_up_sparse(self, is_new_step: bool) -> None:
         """Set up the preconditioner of the coordinates' tangent, with or without the couplings of
         contact."""
@@ -252,9 +255,9 @@ class BorderedPreconditioner:
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
         if self._keep_factors is not None and self._keep_factors():
             return
-        if self._is_exact or self._needs_all_couplings:
+        if self._is_exact or self._is_marked("needs_couplings"):
             factorisation.replace(self._sparse, tangent.for_factorisation())
-        elif self._needs_couplings and not self._adds_couplings:
+        elif self._needs_couplings and not self._is_marked("adds_couplings"):
             self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
         else:
             self._sparse.setOperators(tangent.A)
@@ -288,7 +291,7 @@ class BorderedPreconditioner:
         """
         operator = self._operator
         # The flexible Krylov method allows another preconditioner within a solve.
-        if getattr(self._context, "is_outdated", False):
+        if self._is_marked("is_outdated"):
             # PETSc does not set up for a matrix again unless it has changed.
             operator.A.A.stateIncrease()
             self._set_up_sparse(is_new_step=False)

@@ -12,7 +12,6 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.candidates import TrajectoryBounds, find_candidates
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
 from gossamer_fx.meshes.sheet import sheet
 from tests.contact.broad_phase.test_trajectory_bounds import TURN, drifted
 from tests.contact.random_pairs import all_pairs, separate_triangles, table_of_primitives
@@ -31,22 +30,13 @@ def identifier_of(kind, first, second):
 def mesh_of(surface) -> SimpleNamespace:
     """Return what a search asks a collision mesh for, without bodies."""
     count = 3 * TRIANGLES
-    none = np.zeros(0)
-    no_boundaries = CandidatePairs(
-        kind=none.astype(np.uint8),
-        points=np.zeros((0, 4), np.int32),
-        shape=none,
-        identifier=none.astype(np.int64),
-        area=none,
-        radius=none,
-    )
     return SimpleNamespace(
         surface=surface,
         radius=np.full(count, RADIUS),
         area=np.ones(count),
         own_vertices=np.arange(count, dtype=np.int32),
         own_edges=np.arange(count, dtype=np.int32),
-        boundary_pairs=lambda: no_boundaries,
+        boundaries=[],
         kinds_of=lambda kind, primitives: (kind, np.zeros(len(kind))),
         areas=lambda kind, points, primitives: np.ones(len(kind)),
         identifiers=lambda kind, primitives: identifier_of(kind.astype(int), *primitives.T),
