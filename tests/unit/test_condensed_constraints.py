@@ -211,7 +211,6 @@ def simulation(make, comm, monkeypatch=None, **options):
         monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
         monkeypatch.setattr(eliminated_joints, "MAX_ELIMINATED", 0)
         monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_FRAMES", 0)
-        monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_JOINTS", 0)
     run = gx.Simulation(gx.Scene(*make(comm)), gx.Midpoint(dt=1e-3), **options)
     if monkeypatch is not None:
         monkeypatch.undo()
@@ -229,7 +228,6 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     monkeypatch.setattr(two_level, "ILU_LEVELS", 1000)
     monkeypatch.setattr(two_level, "ILU_LEVELS_DIFFICULT", 1000)
     monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_FRAMES", 0)
-    monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_JOINTS", 0)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     system = run.system
     begin_iteration(run, 1e-3)

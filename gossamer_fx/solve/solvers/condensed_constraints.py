@@ -65,7 +65,6 @@ take 1.4 times the time, a factorisation of K as a symmetric matrix 1.5 times.
 from __future__ import annotations
 
 import itertools
-import math
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -98,11 +97,6 @@ MIN_FILM_SHARE = 0.5
 # Unknowns from which frames are condensed.  With 47 thousand a step of a taut film between beams
 # takes 1.4 s of CPU time on one rank and 0.9 s on two, with all factorised 1.9 and 1.2 s.
 MIN_UNKNOWNS_WITH_FRAMES = 40_000
-
-# Unknowns from which joints other than ties are condensed: none.  A film of 8, 53 and 145 thousand
-# unknowns between hinged beams took 1.3 to 1.8 times the CPU time of factorisations alone, and one
-# of 65 thousand ended in an entry outside the pattern of K.
-MIN_UNKNOWNS_WITH_JOINTS = math.inf
 
 # Krylov iterations after which a factorisation costs less than more of them, 5 for 47 thousand
 # unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few digits
@@ -1031,8 +1025,7 @@ def for_constraints(
         frames = _free_frames(system)
         if is_large or not frames:
             condensation = Condensation(system, frames)
-            has_enough = system.numbering.size >= MIN_UNKNOWNS_WITH_JOINTS
-            is_served = not condensation.joints or (few is None and has_enough)
+            is_served = few is None or not condensation.joints
             if is_served and condensation.leaves_no_multiplier(system):
                 return CondensedConstraints(system, condensation)
     if few is None:
