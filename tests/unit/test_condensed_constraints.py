@@ -307,10 +307,9 @@ def test_a_gradient_is_that_of_a_factorisation(monkeypatch):
     np.testing.assert_allclose(found[0], found[1], atol=1e-7 * np.abs(found[1]).max())
 
 
-@pytest.mark.parametrize("make", [chain, hinged])
-def test_a_run_is_freed(make, monkeypatch):
+def test_a_run_is_freed(monkeypatch):
     """PETSc holds the context of the operator and of the preconditioner of the condensed system."""
-    run = simulation(make, MPI.COMM_SELF, monkeypatch)
+    run = simulation(chain, MPI.COMM_SELF, monkeypatch)
     run.run(until=1e-3)
     left = [weakref.ref(one) for one in (run.system, run.solver)]
     ranks = run.comm
@@ -321,14 +320,13 @@ def test_a_run_is_freed(make, monkeypatch):
     assert [one() for one in left] == [None, None]
 
 
-@pytest.mark.parametrize("make", [chain, hinged])
-def test_a_restart_goes_on_as_the_run(make, monkeypatch, tmp_path):
+def test_a_restart_goes_on_as_the_run(monkeypatch, tmp_path):
     """A checkpoint has multipliers and coordinates; the rules of ties are found again."""
     options = {"checkpoints": gx.Checkpoints(tmp_path / "saves", every=2)}
-    whole = simulation(make, MPI.COMM_SELF, monkeypatch)
-    half = simulation(make, MPI.COMM_SELF, monkeypatch, **options)
+    whole = simulation(chain, MPI.COMM_SELF, monkeypatch)
+    half = simulation(chain, MPI.COMM_SELF, monkeypatch, **options)
     half.run(until=2e-3)
-    rest = simulation(make, MPI.COMM_SELF, monkeypatch, restart=tmp_path / "saves")
+    rest = simulation(chain, MPI.COMM_SELF, monkeypatch, restart=tmp_path / "saves")
     assert rest.step == 2
     for run in (whole, rest):
         run.run(until=4e-3)

@@ -698,8 +698,6 @@ class CondensedConstraints:
         """Compute K of a matrix A, and set up its preconditioner.  Collective."""
         E, E_middle = self._turn(matrix)
         self._A = self._rows_of(matrix)
-        # The fill of K completes blocks of A with zeros, of which products would have more fill.
-        self._A.eliminate_zeros()
         self._own_A = self._A[self._changed_rows]
         # K = A + A (R - 1) + (L - 1)ᵀ A R, with the unit matrix where R has no columns.
         AE = self._A @ E
