@@ -255,7 +255,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         return self._equations(self._gather(q), are_linear=False)
 
     def _equations(
-        self, unknowns: Sequence[Array], are_linear: bool
+        self, unknowns: list[Array], are_linear: bool
     ) -> list[tuple[int, dict[int, float]]]:
         """The equations that are linear, or the others, linearised at unknowns (n, D) of each
         array.  Those of latches do not always hold, and are left out."""

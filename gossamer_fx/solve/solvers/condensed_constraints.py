@@ -30,9 +30,9 @@ so that R has three columns for the six or nine numbers of a frame, with d_i at 
 and L the same in the middle (discrete null space method, Betsch, CMAME 194 (2005) 5159,
 doi:10.1016/j.cma.2005.01.004).
 
-Revolute, sliding and other joints, links, and directors that are held in part remain.  Their
-gradients J by the unknowns that are left have a null space N and right inverses; R is then replaced
-by R N.  Joints that share no unknowns have separate null spaces, which are small.
+What is left are revolute, sliding and other joints, links, and directors that are held in part.
+Their gradients J by the unknowns that are left have a null space N and right inverses; R is then
+replaced by R N.  Joints that share no unknowns have null spaces of their own, which are small.
 
 Algorithm.
 
@@ -42,9 +42,9 @@ Algorithm.
 2. For each matrix: R = V R_d N, of the elimination V, the rotations R_d of (4) and the null spaces
    N of joints, whose gradients are rows and columns of A; L in the same way.
 3. K = Lᵀ A R, with the unit matrix in the rows and columns of what is gone, so that the numbering
-   stays; θ has the numbers of the first director.  Those unknowns of a joint are gone for which its
-   equations were best solved at the start.  R differs from the unit matrix in few rows; A is copied
-   and corrected in these rows and in those of their neighbours.
+   stays; θ has the numbers of the first director, and of the unknowns of a joint those give way
+   which its equations determined best at the start.  R differs from the unit matrix in few rows; A is
+   copied and corrected in these rows and in those of their neighbours.
 4. In each application: (3), with the two-level preconditioner (`solvers.two_level`) of K instead of
    its inverse.  (2) and the multipliers are exact, so that the Krylov iteration is that of y.
 
@@ -163,7 +163,7 @@ class Joints:
         k, n = self.unknowns.shape
         return k, n, n - self.multipliers.shape[1]
 
-    def at(self, near: Indices, which: Indices) -> Joints:
+    def at(self, near: Indices, which: Sequence[int]) -> Joints:
         """Some of the sets, by positions among the sorted indices `near`."""
         return Joints(
             np.searchsorted(near, self.multipliers[which]),
@@ -265,11 +265,10 @@ class Condensation:
         own_equations = system.constraints.nonlinear_equations(system.q0)
         own_equations += system.constraints.linear_equations()
         all_equations = itertools.chain.from_iterable(system.comm.allgather(own_equations))
-        condensed = {int(unknown) for unknown in gone}
+        condensed = set(gone.tolist())
         equations = [(λ, row) for λ, row in all_equations if λ not in condensed]
         found = np.unique([i for λ, row in equations for i in (λ, *row)])
-        marks_of_found = _marks(system, found)
-        marks = {int(i): float(mark) for i, mark in zip(found, marks_of_found, strict=True)}
+        marks = dict(zip(found.tolist(), _marks(system, found), strict=True))
         turns = self._initial_turns(system)
         # Rows of the joints by their unknowns, of each set of rows with common unknowns the first.
         rows: dict[int, dict[int, float]] = {}
@@ -304,11 +303,10 @@ class Condensation:
         index.  Collective."""
         found: dict[int, dict[int, float]] = {}
         for each in self.frames:
-            directors = each.directors.astype(PETSc.IntType)
-            turns = _turns(Gather(system.numbering, [directors])(system.q0)[0])
-            for k, i in np.ndindex(directors.shape):
-                slopes = {int(directors[k, j]): float(turns[k, i, j]) for j in range(3)}
-                found[int(directors[k, i])] = slopes
+            d = Gather(system.numbering, [each.directors])(system.q0)[0]
+            for directors, matrix in zip(each.directors.tolist(), _turns(d), strict=True):
+                for unknown, slopes in zip(directors, matrix.tolist(), strict=True):
+                    found[unknown] = dict(zip(directors[:3], slopes, strict=True))
         return found
 
     def _in_remaining(
@@ -471,7 +469,7 @@ class CondensedConstraints:
         self._right = system.numbering.vector()
         self._work = system.numbering.vector()
         self._product = system.numbering.vector()
-        self._gather = Gather(system.numbering, [self._near.astype(PETSc.IntType)])
+        self._gather = Gather(system.numbering, [self._near])
 
     def __str__(self) -> str:
         turned = sum(len(each.directors) for each in self._condensation.frames)
@@ -488,8 +486,6 @@ class CondensedConstraints:
         self._two_level.recover()
         self._hard_steps.restore()
         self._step = None
-
-    _rows_of: _Rows
 
     # ---- structure, once -------------------------------------------------------------------------
 
@@ -549,13 +545,12 @@ class CondensedConstraints:
                 is_near = np.isin(unknowns, some).any(axis=1)
                 near.update(unknowns[is_near].ravel().tolist())
                 near_frames.append((each, is_near))
-            near_joints: list[tuple[Joints, Indices]] = []
+            near_joints = []
             for sets in condensation.joints:
                 unknowns = np.hstack([sets.unknowns, sets.multipliers])
                 which = np.flatnonzero(np.isin(unknowns, some).any(axis=1))
                 near.update(unknowns[which].ravel().tolist())
-                for k in which:
-                    near.update(sets.involved[k].tolist())
+                near.update(i for k in which for i in sets.involved[k].tolist())
                 near_joints.append((sets, which))
         self._near = self._whole_blocks(np.array(sorted(near)))
         # With positions among `near` instead of global indices.
@@ -570,7 +565,7 @@ class CondensedConstraints:
                     each.products,
                 )
             )
-        self._joints = [sets.at(self._near, which) for sets, which in near_joints]
+        self._joints = [sets.at(self._near, which.tolist()) for sets, which in near_joints]
         self._find_rows_of_joints(near_joints)
         position = {int(unknown): k for k, unknown in enumerate(self._near)}
         # Rows, columns and values.  Slaves and multipliers of ties have no column.
@@ -631,9 +626,8 @@ class CondensedConstraints:
         # Positive numbers, so that no entry cancels.
         A.data[:] = 1.0
         turns = [np.ones((*each.directors.shape, 3)) for each in self._frames]
-        nulls = [np.ones(sets.shape_of_null_space) for sets in self._joints]
         R = abs(self._V) @ self._rotations(turns)
-        R = R @ self._of_joints(nulls)
+        R = R @ self._of_joints([np.ones(sets.shape_of_null_space) for sets in self._joints])
         E = R + identity(R.shape[0], format="csr")
         AE = A @ E
         others = self._rows[self._other_rows]
@@ -641,7 +635,7 @@ class CondensedConstraints:
         of_changed = (A + AE)[self._changed_rows]
         self._add(pattern, 0.0 * (self._columns_of(E) @ of_changed), self._near)
 
-    def _rotations(self, turns: Sequence[Array]) -> csr_matrix:
+    def _rotations(self, turns: list[Array]) -> csr_matrix:
         """R_d for matrices of (4), on the unknowns near."""
         size = len(self._near)
         blocks = []
@@ -649,7 +643,7 @@ class CondensedConstraints:
             blocks.append(_blocks(each.directors, each.directors[:, :3], values, size))
         return sum(blocks, _unit(self._unturned, size))
 
-    def _of_joints(self, null_spaces: Sequence[Array]) -> csr_matrix:
+    def _of_joints(self, null_spaces: list[Array]) -> csr_matrix:
         """R_j for null spaces of the gradients of joints, on the unknowns near."""
         size = len(self._near)
         blocks = []
@@ -791,7 +785,9 @@ class CondensedConstraints:
             R, G = self._join(R, G, C)
         return R - identity(len(self._near), format="csr"), G
 
-    def _join(self, R: csr_matrix, G: csr_matrix, C: csr_matrix) -> tuple[csr_matrix, csr_matrix]:
+    def _join(
+        self, R: csr_matrix, G: csr_matrix, C: csr_matrix
+    ) -> tuple[csr_matrix, csr_matrix]:
         """R and G with joints, from those without and from the gradients C (n, n) of joints."""
         size = len(self._near)
         gradients = (C @ R).tocsr()
