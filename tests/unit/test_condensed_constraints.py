@@ -106,35 +106,7 @@ def braced(comm):
     return [*items, gx.RigidMotion(spin=(3.0, -5.0, 20.0)), gx.Gravity(film, (0.0, 0.0, -50.0))]
 
 
-def hinged(comm):
-    """A film tied to two beams that a revolute joint connects; bodies that slide and turn on one
-    another, that form a chain, and that a rod holds at a distance from a corner of the film."""
-    film = gx.Membrane(sheet(comm, 12, 12), LAW, name="film")
-    section = gx.sections.tube(0.01, 5e-4, E=1e9, nu=0.3, density=1500.0)
-    lower = gx.Beam(line(comm, [(0, 0, 0), (0, 0.5, 0)], 6), section, name="lower")
-    upper = gx.Beam(line(comm, [(0, 0.5, 0), (0, 1, 0)], 6), section, name="upper")
-    inertia = (1e-5, 2e-5, 3e-5)
-    hub = gx.RigidBody(0.01, inertia, position=(0.0, 1.0, 0.0), comm=comm, name="hub")
-    rider = gx.RigidBody(0.01, inertia, position=(0.0, 1.2, 0.0), comm=comm, name="rider")
-    bob = gx.RigidBody(0.01, inertia, position=(1.2, 1.2, 0.1), comm=comm, name="bob")
-    joints = gx.constraints
-    items = [film, lower, upper, hub, rider, bob]
-    for k, beam in ((0, lower), (2, lower), (8, upper), (12, upper)):
-        point = (0.0, k / 12, 0.0)
-        tie = joints.BallJoint(film.port_at(point), beam.port_at(point), name=f"tie {k}")
-        items.append(tie)
-    top = hub.frame_at((0.0, 1.0, 0.0))
-    items += [
-        joints.RevoluteJoint(lower.frame("end"), upper.frame("start"), axis=(1.0, 0.0, 0.0)),
-        joints.FixedJoint(upper.frame("end"), top, name="weld"),
-        joints.CylindricalJoint(hub.frame(), rider.frame(), axis=(0.0, 1.0, 0.0)),
-        joints.Link(film.port_at((1.0, 1.0, 0.0)), bob.port(), name="rod"),
-        joints.BallJoint(lower.port("start"), gx.Ground((0.0, 0.0, 0.0)), name="nail"),
-    ]
-    return [*items, gx.RigidMotion(spin=(3.0, -5.0, 20.0)), gx.Gravity(film, (0.0, 0.0, -50.0))]
-
-
-SCENES = (chain, plane, braced, hinged)
+SCENES = (chain, plane, braced)
 
 
 def leaf(comm, cells, angle, spin, name):
