@@ -312,11 +312,6 @@ class Multipliers(ABC):
         index of the multiplier, and the coefficients by global index of the coordinate."""
         return []
 
-    def nonlinear_equations(self, q: PETSc.Vec) -> list[tuple[int, dict[int, float]]]:
-        """This rank's other equations that always hold, linearised at a state q, in the same way.
-        Collective."""
-        return []
-
     def frames(self) -> list[Frames]:
         """This rank's constraints that do nothing but keep directors orthonormal."""
         return []

@@ -247,32 +247,19 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             add_blocks(A, rows, rows, is_free[:, :, None] * np.eye(at.m))
 
     def linear_equations(self) -> list[tuple[int, dict[int, float]]]:
-        # The gradient of linear measures is the same in every state.
-        zeros = [np.zeros((at.n, at.D)) for at in self._measures]
-        return self._equations(zeros, are_linear=True)
-
-    def nonlinear_equations(self, q: PETSc.Vec) -> list[tuple[int, dict[int, float]]]:
-        return self._equations(self._gather(q), are_linear=False)
-
-    def _equations(
-        self, unknowns: list[Array], are_linear: bool
-    ) -> list[tuple[int, dict[int, float]]]:
-        """The equations that are linear, or the others, linearised at unknowns (n, D) of each
-        array.  Those of latches do not always hold, and are left out."""
+        # Those of latches do not always hold, and are left out.
         equations = []
-        for k, (at, q) in enumerate(zip(self._measures, unknowns, strict=True)):
-            gradient = at.gradient(q)
-            # In a state without symmetries no entry is zero that depends on the state.
-            generic = at.gradient(np.cos(np.arange(at.n * at.D)).reshape(at.n, at.D))
-            for i in np.flatnonzero(at.each_is_linear == are_linear):
+        for k, at in enumerate(self._measures):
+            # The gradient of linear measures is the same in every state.
+            gradient = at.gradient(np.zeros((at.n, at.D)))
+            for i in np.flatnonzero(at.each_is_linear):
                 if int(self._term_of[k][i]) in self._latches:
                     continue
-                for j, multiplier in enumerate(self._rows[k][i].tolist()):
+                for multiplier, slope in zip(self._rows[k][i].tolist(), gradient[i], strict=True):
                     coefficients: dict[int, float] = {}
-                    for d in np.flatnonzero(generic[i, j]):
+                    for d in np.flatnonzero(slope):
                         unknown = int(at.indices[i, d])
-                        slope = float(gradient[i, j, d])
-                        coefficients[unknown] = coefficients.get(unknown, 0.0) + slope
+                        coefficients[unknown] = coefficients.get(unknown, 0.0) + float(slope[d])
                     equations.append((multiplier, coefficients))
         return equations
 

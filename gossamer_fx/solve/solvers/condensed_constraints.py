@@ -66,15 +66,12 @@ from __future__ import annotations
 
 import itertools
 import weakref
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg import qr
 from scipy.sparse import csr_matrix, identity
-from scipy.sparse.csgraph import connected_components
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.algebra.point_measures import Gather
@@ -112,10 +109,6 @@ MAX_RESIDUAL = 1e-9
 # Largest number of steps that are factorised before Krylov iterations are tried again.
 MAX_FACTORISED_STEPS = 64
 
-# Largest number of unknowns of joints that depend on each other, as in a chain of rigid bodies: K
-# is full in their rows and columns.
-MAX_UNKNOWNS_OF_SET = 300
-
 KSP_REASON = PETSc.KSP.ConvergedReason
 
 # Marks of unknowns: held, a free position, and a free coordinate of a film or cable; 1 for other
@@ -142,47 +135,15 @@ class Rule:
             self.sides[multiplier] = self.sides.get(multiplier, 0.0) + factor * coefficient
 
 
-@dataclass(frozen=True, eq=False)
-class Joints:
-    """Sets of m equations that share no unknowns with other sets, and of equally many unknowns.
-
-    Attributes:
-        multipliers: global indices (k, m).
-        unknowns: global indices (k, n) of the unknowns that are left once ties and frames are
-            condensed; the last m give way.
-        involved: for each set all coordinates of its equations, also those that are condensed.
-    """
-
-    multipliers: Indices
-    unknowns: Indices
-    involved: list[Indices]
-
-    @property
-    def shape_of_null_space(self) -> tuple[int, int, int]:
-        """Shape (k, n, n - m) of the null spaces of their gradients."""
-        k, n = self.unknowns.shape
-        return k, n, n - self.multipliers.shape[1]
-
-    def at(self, near: Indices, which: Sequence[int]) -> Joints:
-        """Some of the sets, by positions among the sorted indices `near`."""
-        return Joints(
-            np.searchsorted(near, self.multipliers[which]),
-            np.searchsorted(near, self.unknowns[which]),
-            [self.involved[k] for k in which],
-        )
-
-
 class Condensation:
     """The unknowns that follow from others, the same on all ranks.
 
     Attributes:
         rules: of slaves, by global index.
         frames: directors that can only turn.
-        joints: other equations, by sets.
         changed: sorted global indices of the unknowns whose rows in R are not those of the unit
-            matrix: slaves, directors, unknowns of joints and condensed multipliers.
-        gone: those of them whose columns in R vanish: slaves, all but first directors, in whose
-            place is θ, and as many unknowns of each joint as it has equations.
+            matrix: slaves, directors and condensed multipliers.
+        gone: those of them whose columns in R vanish: all but first directors, in whose place is θ.
         owned: those of `gone` that this rank owns, as indices of its part of a vector.
     """
 
@@ -199,19 +160,13 @@ class Condensation:
         self._marks = {int(unknown): mark for unknown, mark in zip(involved, marks, strict=True)}
         self.rules: dict[int, Rule] = {}
         gone: list[Indices] = [self._eliminate(equations)]
-        remaining: list[Indices] = [NONE]
+        places_of_turns: list[Indices] = [NONE]
         for each in self.frames:
             gone.append(each.directors[:, 3:].ravel())
             gone.append(each.multipliers.ravel())
-            remaining.append(each.directors[:, :3].ravel())
-        self.joints = self._find_joints(system, np.concatenate(gone))
-        for sets in self.joints:
-            equations_of_set = sets.multipliers.shape[1]
-            gone.append(sets.multipliers.ravel())
-            gone.append(sets.unknowns[:, -equations_of_set:].ravel())
-            remaining.append(sets.unknowns.ravel())
+            places_of_turns.append(each.directors[:, :3].ravel())
         self.gone: Indices = np.sort(np.concatenate(gone))
-        self.changed: Indices = np.union1d(self.gone, np.concatenate(remaining))
+        self.changed: Indices = np.union1d(self.gone, np.concatenate(places_of_turns))
         local = self.gone - system.numbering.start
         self.owned = local[(local >= 0) & (local < system.numbering.size_local)]
 
@@ -258,71 +213,6 @@ class Condensation:
             {i: -w / pivot for i, w in equation.sides.items()},
         )
 
-    def _find_joints(self, system: System, gone: Indices) -> list[Joints]:
-        """Collect the equations that are neither ties nor those of frames, whose unknowns `gone`
-        are condensed, in sets that share no unknowns.  Collective."""
-        assert system.constraints is not None
-        own_equations = system.constraints.nonlinear_equations(system.q0)
-        own_equations += system.constraints.linear_equations()
-        all_equations = itertools.chain.from_iterable(system.comm.allgather(own_equations))
-        condensed = set(gone.tolist())
-        equations = [(λ, row) for λ, row in all_equations if λ not in condensed]
-        found = np.unique([i for λ, row in equations for i in (λ, *row)])
-        marks = dict(zip(found.tolist(), _marks(system, found), strict=True))
-        turns = self._initial_turns(system)
-        # Rows of the joints by their unknowns, of each set of rows with common unknowns the first.
-        rows: dict[int, dict[int, float]] = {}
-        involved: dict[int, list[int]] = {}
-        for multiplier, row in equations:
-            if marks[multiplier] != HELD:
-                free = {i: w for i, w in row.items() if marks[i] != HELD}
-                rows[multiplier] = self._in_remaining(free, turns)
-                involved[multiplier] = list(free)
-        by_shape: dict[tuple[int, int], list[tuple[Indices, Indices, Indices]]] = {}
-        for multipliers in _connected(rows):
-            unknowns = _ordered([rows[each] for each in multipliers])
-            if unknowns is None:
-                continue
-            coordinates = np.unique([i for each in multipliers for i in involved[each]])
-            shape = (len(multipliers), len(unknowns))
-            by_shape.setdefault(shape, []).append((np.array(multipliers), unknowns, coordinates))
-        joints = []
-        for _, alike in sorted(by_shape.items()):
-            all_multipliers, all_unknowns, coordinates_of_sets = zip(*alike, strict=True)
-            joints.append(
-                Joints(
-                    np.array(all_multipliers),
-                    np.array(all_unknowns),
-                    list(coordinates_of_sets),
-                )
-            )
-        return joints
-
-    def _initial_turns(self, system: System) -> dict[int, dict[int, float]]:
-        """The directors of frames by the rotations (4) at the start, as coefficients by global
-        index.  Collective."""
-        found: dict[int, dict[int, float]] = {}
-        for each in self.frames:
-            d = Gather(system.numbering, [each.directors])(system.q0)[0]
-            for directors, matrix in zip(each.directors.tolist(), _turns(d), strict=True):
-                for unknown, slopes in zip(directors, matrix.tolist(), strict=True):
-                    found[unknown] = dict(zip(directors[:3], slopes, strict=True))
-        return found
-
-    def _in_remaining(
-        self, row: dict[int, float], turns: dict[int, dict[int, float]]
-    ) -> dict[int, float]:
-        """The coefficients of an equation by the unknowns that are left."""
-        equation = Rule(dict(row), {})
-        for unknown in row:
-            if unknown in self.rules:
-                equation.substitute(unknown, self.rules[unknown])
-        remaining: dict[int, float] = {}
-        for unknown, coefficient in equation.masters.items():
-            for left, slope in turns.get(unknown, {unknown: 1.0}).items():
-                remaining[left] = remaining.get(left, 0.0) + coefficient * slope
-        return remaining
-
     def leaves_no_multiplier(self, system: System) -> bool:
         """Whether all free multipliers of all ranks are condensed.  Collective."""
         assert system.constraints is not None
@@ -331,55 +221,6 @@ class Condensation:
         is_left[self.owned] = False
         is_left[system.supports.held] = False
         return not system.comm.allreduce(bool(is_left.any()), op=MPI.LOR)
-
-
-def _connected(rows: dict[int, dict[int, float]]) -> list[list[int]]:
-    """Multipliers in sets whose rows share no unknowns."""
-    if not rows:
-        return []
-    multipliers = list(rows)
-    unknowns = sorted({unknown for row in rows.values() for unknown in row})
-    vertex = {unknown: len(multipliers) + k for k, unknown in enumerate(unknowns)}
-    edges = [(k, vertex[i], 1.0) for k, λ in enumerate(multipliers) for i in rows[λ]]
-    graph = _sparse(edges, len(multipliers) + len(unknowns))
-    count, labels = connected_components(graph, directed=False)
-    sets: list[list[int]] = [[] for _ in range(count)]
-    for multiplier, label in zip(multipliers, labels[: len(multipliers)], strict=True):
-        sets[label].append(multiplier)
-    return [each for each in sets if each]
-
-
-def _ordered(rows: list[dict[int, float]]) -> Indices | None:
-    """The unknowns (n,) of a set of m equations, behind the others those m for which they are best
-    solved.  None if there are too many, or if some equations follow from others."""
-    unknowns = np.array(sorted({unknown for row in rows for unknown in row}), dtype=np.int64)
-    if not len(rows) <= len(unknowns) <= MAX_UNKNOWNS_OF_SET:
-        return None
-    J = np.zeros((len(rows), len(unknowns)))
-    for k, row in enumerate(rows):
-        J[k, np.searchsorted(unknowns, list(row))] = list(row.values())
-    R, pivots = qr(J, mode="r", pivoting=True)
-    diagonal = np.abs(np.diagonal(R))
-    if not diagonal[-1] > NO_COEFFICIENT * diagonal[0]:
-        return None
-    return unknowns[np.concatenate([pivots[len(rows) :], pivots[: len(rows)]])]
-
-
-def _null_spaces(J: Array) -> tuple[Array, Array]:
-    """For gradients J (k, m, n) the solutions of J x = 0, (k, n, n - m), close to the unit matrix
-    in the first n - m unknowns, and the right inverses (k, n, m) of J."""
-    k, m, n = J.shape
-    try:
-        Q, R = np.linalg.qr(J.transpose(0, 2, 1), mode="complete")
-        inverses = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)
-        N = Q[:, :, m:]
-        # The rotation of the basis that makes its first rows symmetric: they, and what the coarse
-        # space makes of the unknowns, change little from matrix to matrix.
-        U, _, Vt = np.linalg.svd(N[:, : n - m])
-        return N @ (U @ Vt).transpose(0, 2, 1), inverses
-    except np.linalg.LinAlgError:
-        # Dependent equations, perhaps on this rank only: all ranks find that K is not finite.
-        return np.full((k, n, n - m), np.nan), np.full((k, n, m), np.nan)
 
 
 def _marks(system: System, unknowns: Indices) -> Array:
@@ -505,7 +346,11 @@ class CondensedConstraints:
         self._rows = self._whole_blocks(all_rows[is_own])
         near = {int(unknown) for unknown in _columns(A, self._rows)}
         self._find_near(near)
-        self._rows_of = _Rows(self._rows, self._near, numbering.block_size)
+        size = numbering.block_size
+        self._row_set = _index_set(self._rows, size)
+        self._near_set = _index_set(self._near, size)
+        self._part: PETSc.Mat | None = None
+        self._scalar_part: PETSc.Mat | None = None
         # Positions among rows and among `near` of what changes on this rank.
         self._own_changed = own_changed - numbering.start
         self._changed_rows = np.searchsorted(self._rows, own_changed)
@@ -525,34 +370,26 @@ class CondensedConstraints:
         """All unknowns (n,) of the blocks of some global indices, sorted."""
         size = self._system.numbering.block_size
         blocks = np.unique(unknowns // size)
-        return (size * blocks[:, None] + np.arange(size)).ravel().astype(PETSc.IntType)
+        return (size * blocks[:, None] + np.arange(size)).ravel()
 
     def _find_near(self, near: set[int]) -> None:
         """Complete the unknowns `near` rows that change, and find the constant parts of R and G on
         them: the matrix V of the elimination, and its right-hand sides."""
-        condensation = self._condensation
-        count = 0
-        while len(near) > count:
-            count = len(near)
-            rules = {i: condensation.rules[i] for i in near if i in condensation.rules}
-            for rule in rules.values():
-                near.update(rule.masters)
-                near.update(rule.sides)
-            some = np.array(sorted(near), dtype=PETSc.IntType)
-            near_frames = []
-            for each in condensation.frames:
-                unknowns = np.hstack([each.directors, each.multipliers])
-                is_near = np.isin(unknowns, some).any(axis=1)
-                near.update(unknowns[is_near].ravel().tolist())
-                near_frames.append((each, is_near))
-            near_joints = []
-            for sets in condensation.joints:
-                unknowns = np.hstack([sets.unknowns, sets.multipliers])
-                which = np.flatnonzero(np.isin(unknowns, some).any(axis=1))
-                near.update(unknowns[which].ravel().tolist())
-                near.update(i for k in which for i in sets.involved[k].tolist())
-                near_joints.append((sets, which))
-        self._near = self._whole_blocks(np.array(sorted(near)))
+        rules = {}
+        for unknown in near:
+            if unknown in self._condensation.rules:
+                rules[unknown] = self._condensation.rules[unknown]
+        for rule in rules.values():
+            near.update(rule.masters)
+            near.update(rule.sides)
+        some = np.array(sorted(near), dtype=PETSc.IntType)
+        near_frames = []
+        for each in self._condensation.frames:
+            unknowns = np.hstack([each.directors, each.multipliers])
+            is_near = np.isin(unknowns, some).any(axis=1)
+            some = np.union1d(some, unknowns[is_near])
+            near_frames.append((each, is_near))
+        self._near = self._whole_blocks(some).astype(PETSc.IntType)
         # With positions among `near` instead of global indices.
         self._frames = []
         for each, is_near in near_frames:
@@ -565,16 +402,12 @@ class CondensedConstraints:
                     each.products,
                 )
             )
-        self._joints = [sets.at(self._near, which.tolist()) for sets, which in near_joints]
-        self._find_rows_of_joints(near_joints)
         position = {int(unknown): k for k, unknown in enumerate(self._near)}
         # Rows, columns and values.  Slaves and multipliers of ties have no column.
         of_V: list[tuple[int, int, float]] = []
         of_ties: list[tuple[int, int, float]] = []
         is_in_frame = np.isin(self._near, self._turned())
-        # Joints take away their unknowns behind V and the rotations.
-        is_replaced = np.isin(self._near, self._given_way())
-        is_gone = np.isin(self._near, condensation.gone) & ~is_replaced
+        is_gone = np.isin(self._near, self._condensation.gone)
         for k in np.flatnonzero(is_in_frame | ~is_gone):
             of_V.append((int(k), int(k), 1.0))
         for slave, rule in rules.items():
@@ -585,33 +418,8 @@ class CondensedConstraints:
                 of_ties.append((row, position[multiplier], coefficient))
         self._V = _sparse(of_V, len(self._near))
         self._of_ties = _sparse(of_ties, len(self._near))
-        # Rows of R_d, and of the null space of joints, that are those of the unit matrix.
+        # Rows of R_d that are those of the unit matrix.
         self._unturned = np.flatnonzero(~is_in_frame)
-        in_joints = [NONE, *(sets.unknowns.ravel() for sets in self._joints)]
-        self._unjoined = np.setdiff1d(np.arange(len(self._near)), np.concatenate(in_joints))
-
-    def _find_rows_of_joints(self, near_joints: list[tuple[Joints, Indices]]) -> None:
-        """Find the rows of A that have the gradients of joints near: in rows of their multipliers
-        those at the end of the step, in columns those in the middle."""
-        parts = [NONE]
-        for sets, which in near_joints:
-            parts.append(sets.multipliers[which].ravel())
-            parts += [sets.involved[k] for k in which]
-        rows = self._whole_blocks(np.concatenate(parts))
-        self._joint_rows = _Rows(rows, self._near, self._system.numbering.block_size)
-        size = len(self._near)
-        # From these rows to those near, and the multipliers among these.
-        self._from_joint_rows = _selection(np.searchsorted(self._near, rows), size)
-        multipliers = [NONE, *(sets.multipliers.ravel() for sets in self._joints)]
-        ones = _selection(np.concatenate(multipliers), size)
-        self._joint_multipliers = ones @ ones.T
-
-    def _given_way(self) -> Indices:
-        """Global indices of the unknowns that joints condense."""
-        parts = [NONE]
-        for sets in self._condensation.joints:
-            parts.append(sets.unknowns[:, -sets.multipliers.shape[1] :].ravel())
-        return np.concatenate(parts)
 
     def _turned(self) -> Indices:
         """Global indices of all directors and multipliers of frames."""
@@ -625,32 +433,23 @@ class CondensedConstraints:
         A = self._A
         # Positive numbers, so that no entry cancels.
         A.data[:] = 1.0
-        turns = [np.ones((*each.directors.shape, 3)) for each in self._frames]
-        R = abs(self._V) @ self._rotations(turns)
-        R = R @ self._of_joints([np.ones(sets.shape_of_null_space) for sets in self._joints])
-        E = R + identity(R.shape[0], format="csr")
+        E = abs(self._map([np.ones((*each.directors.shape, 3)) for each in self._frames]))
         AE = A @ E
         others = self._rows[self._other_rows]
         self._add(pattern, 0.0 * AE[self._other_rows], others)
         of_changed = (A + AE)[self._changed_rows]
         self._add(pattern, 0.0 * (self._columns_of(E) @ of_changed), self._near)
 
-    def _rotations(self, turns: list[Array]) -> csr_matrix:
-        """R_d for matrices of (4), on the unknowns near."""
+    def _map(self, turns: list[Array]) -> csr_matrix:
+        """R - 1 for matrices of (4), or L - 1, on the unknowns near."""
         size = len(self._near)
         blocks = []
         for each, values in zip(self._frames, turns, strict=True):
             blocks.append(_blocks(each.directors, each.directors[:, :3], values, size))
-        return sum(blocks, _unit(self._unturned, size))
-
-    def _of_joints(self, null_spaces: list[Array]) -> csr_matrix:
-        """R_j for null spaces of the gradients of joints, on the unknowns near."""
-        size = len(self._near)
-        blocks = []
-        for sets, values in zip(self._joints, null_spaces, strict=True):
-            masters = sets.unknowns[:, : values.shape[2]]
-            blocks.append(_blocks(sets.unknowns, masters, values, size))
-        return sum(blocks, _unit(self._unjoined, size))
+        unit = csr_matrix(
+            (np.ones(len(self._unturned)), (self._unturned, self._unturned)), shape=(size, size)
+        )
+        return self._V @ sum(blocks, unit) - identity(size, format="csr")
 
     def _sides(self, right_inverses: list[Array]) -> csr_matrix:
         """G for right inverses of the gradients of frames, or H, on the unknowns near."""
@@ -690,7 +489,7 @@ class CondensedConstraints:
 
     def _condense(self, matrix: PETSc.Mat) -> None:
         """Compute K of a matrix A, and set up its preconditioner.  Collective."""
-        E, E_middle = self._turn(matrix)
+        E, E_middle = self._turn()
         self._A = self._rows_of(matrix)
         self._own_A = self._A[self._changed_rows]
         # K = A + A (R - 1) + (L - 1)ᵀ A R, with the unit matrix where R has no columns.
@@ -749,61 +548,39 @@ class CondensedConstraints:
         R.assemble()
         return R
 
-    def _turn(self, matrix: PETSc.Mat) -> tuple[csr_matrix, csr_matrix]:
-        """Compute G and H at the present iterate, of a matrix A; returns R - 1 and L - 1.
+    def _rows_of(self, matrix: PETSc.Mat) -> csr_matrix:
+        """This rank's rows of a matrix that change, with columns near them.  Collective."""
+        reused = None
+        if self._part is not None:
+            reused = [self._part]
+        (self._part,) = matrix.createSubMatrices([self._row_set], [self._near_set], reused)
+        self._scalar_part = self._part.convert("aij", out=self._scalar_part or PETSc.Mat())
+        starts, columns, values = self._scalar_part.getValuesCSR()
+        return csr_matrix((values, columns, starts), shape=(len(self._rows), len(self._near)))
+
+    def _turn(self) -> tuple[csr_matrix, csr_matrix]:
+        """Compute G and H for the directors of the present iterate; returns R - 1 and L - 1.
         Collective."""
         system = self._system
         end = self._gather(system.q1)[0]
         start = self._gather(system.q0)[0]
         α = system.rule.alpha
-        of_joints = None
-        of_joints_middle = None
-        # The same on all ranks.
-        if self._condensation.joints:
-            rows = self._from_joint_rows @ self._joint_rows(matrix)
-            of_joints = self._joint_multipliers @ rows
-            of_joints_middle = self._joint_multipliers @ rows.T
-        E, self._G = self._at(end, of_joints)
-        E_middle, H = self._at((1 - α) * start + α * end, of_joints_middle)
+        E, self._G = self._at(end)
+        E_middle, H = self._at((1 - α) * start + α * end)
         self._own_E = E[self._changed_near]
         self._own_E_middle = E_middle[self._changed_near]
         self._own_H = H[self._changed_near]
         return E, E_middle
 
-    def _at(self, q: Array, C: csr_matrix | None) -> tuple[csr_matrix, csr_matrix]:
-        """R - 1 and G for unknowns q (n,) near, and for the gradients C (n, n) of joints in the
-        rows of their multipliers."""
+    def _at(self, q: Array) -> tuple[csr_matrix, csr_matrix]:
+        """R - 1 and G for unknowns q (n,) near."""
         turns = []
         inverses = []
         for each in self._frames:
             d = q[each.directors]
             turns.append(_turns(d))
             inverses.append(_right_inverses(each.products, d))
-        R = self._V @ self._rotations(turns)
-        G = self._sides(inverses)
-        if C is not None:
-            R, G = self._join(R, G, C)
-        return R - identity(len(self._near), format="csr"), G
-
-    def _join(
-        self, R: csr_matrix, G: csr_matrix, C: csr_matrix
-    ) -> tuple[csr_matrix, csr_matrix]:
-        """R and G with joints, from those without and from the gradients C (n, n) of joints."""
-        size = len(self._near)
-        gradients = (C @ R).tocsr()
-        null_spaces = []
-        inverse = csr_matrix((size, size))
-        for sets in self._joints:
-            rows, columns = np.broadcast_arrays(
-                sets.multipliers[:, :, None], sets.unknowns[:, None, :]
-            )
-            J = np.asarray(gradients[rows.ravel(), columns.ravel()]).reshape(rows.shape)
-            null_space, right_inverse = _null_spaces(J)
-            null_spaces.append(null_space)
-            inverse = inverse + _blocks(sets.unknowns, sets.multipliers, right_inverse, size)
-        # What ties and frames violate, joints do not repair twice.
-        G = G + R @ inverse @ (self._joint_multipliers - C @ G)
-        return R @ self._of_joints(null_spaces), G
+        return self._map(turns), self._sides(inverses)
 
     def _add(self, matrix: PETSc.Mat, values: csr_matrix, rows: Indices) -> None:
         """Add a sparse matrix (rows, near) to the rows of a matrix with these global indices; the
@@ -1019,8 +796,7 @@ def for_constraints(
         frames = _free_frames(system)
         if is_large or not frames:
             condensation = Condensation(system, frames)
-            is_served = few is None or not condensation.joints
-            if is_served and condensation.leaves_no_multiplier(system):
+            if condensation.leaves_no_multiplier(system):
                 return CondensedConstraints(system, condensation)
     if few is None:
         return None
@@ -1054,38 +830,6 @@ def _blocks(rows: Indices, columns: Indices, values: Array, size: int) -> csr_ma
     all_rows = np.broadcast_to(rows[:, :, None], values.shape).ravel()
     all_columns = np.broadcast_to(columns[:, None, :], values.shape).ravel()
     return csr_matrix((values.ravel(), (all_rows, all_columns)), shape=(size, size))
-
-
-def _selection(rows: Indices, size: int) -> csr_matrix:
-    """The matrix (size, n) that puts n numbers at these rows."""
-    count = len(rows)
-    return csr_matrix((np.ones(count), (rows, np.arange(count))), shape=(size, count))
-
-
-def _unit(some: Indices, size: int) -> csr_matrix:
-    """The square unit matrix of a size, without rows other than some."""
-    return csr_matrix((np.ones(len(some)), (some, some)), shape=(size, size))
-
-
-class _Rows:
-    """Takes rows and columns of whole blocks, by sorted global indices, out of matrices."""
-
-    def __init__(self, rows: Indices, columns: Indices, block_size: int) -> None:
-        self._shape = len(rows), len(columns)
-        self._sets = _index_set(rows, block_size), _index_set(columns, block_size)
-        self._part: PETSc.Mat | None = None
-        self._scalar_part: PETSc.Mat | None = None
-
-    def __call__(self, matrix: PETSc.Mat) -> csr_matrix:
-        """The part (rows, columns) of a matrix, on this rank.  Collective."""
-        rows, columns = self._sets
-        reused = None
-        if self._part is not None:
-            reused = [self._part]
-        (self._part,) = matrix.createSubMatrices([rows], [columns], reused)
-        self._scalar_part = self._part.convert("aij", out=self._scalar_part or PETSc.Mat())
-        starts, columns_of_rows, values = self._scalar_part.getValuesCSR()
-        return csr_matrix((values, columns_of_rows, starts), shape=self._shape)
 
 
 def _sparse(entries: list[tuple[int, int, float]], size: int) -> csr_matrix:
