@@ -113,8 +113,6 @@ def test_factors_are_kept_within_a_step_and_the_steps_stay_the_same(monkeypatch)
 def test_factors_that_no_longer_serve_are_replaced_within_a_solve(comm, monkeypatch):
     """Kept factors of which nothing is left: each solve still converges, with new ones."""
     monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
-    run = ikaros.build(comm, pitch=0.64, until=0.05).simulation([])
-    newton = run.solver.newton
     keep_factors = EliminatedJoints.keep_factors
     spoilt = []
     iterations = []  # of all solves but the last
@@ -134,6 +132,8 @@ def test_factors_that_no_longer_serve_are_replaced_within_a_solve(comm, monkeypa
         return True
 
     monkeypatch.setattr(EliminatedJoints, "keep_factors", spoil)
+    run = ikaros.build(comm, pitch=0.64, until=0.05).simulation([])
+    newton = run.solver.newton
     run.run(until=4e-3)
     assert spoilt
     # Eight iterations with the old factors, and some with the new ones.

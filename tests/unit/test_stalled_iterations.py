@@ -83,8 +83,8 @@ def test_a_step_that_fails_and_those_after_it_begin_without_geometric_stiffness(
     outcomes: list[type[Exception] | None] = []
     delays = []
 
-    def attempt(h: float) -> int:
-        delays.append(solver.newton.geometric_stiffness_delay)
+    def attempt(h: float, is_delayed: bool) -> int:
+        delays.append(late * is_delayed)
         failure = outcomes.pop(0)
         if failure:
             raise failure
@@ -92,12 +92,12 @@ def test_a_step_that_fails_and_those_after_it_begin_without_geometric_stiffness(
 
     monkeypatch.setattr(solver, "_attempt", attempt)
     late = GEOMETRIC_STIFFNESS_DELAY
-    outcomes += [None, NotConverged, NotConverged, Inadmissible, NotConverged]
+    outcomes += [None, NotConverged, NotConverged, Inadmissible, NotConverged, NotConverged]
     solver.step(1e-4)
     for failure in (NotConverged, Inadmissible, NotConverged):
         with pytest.raises(failure):
             solver.step(1e-4)
-    assert delays == [0, 0, late, late, late]
+    assert delays == [0, 0, late, late, late, 0]
     # So does a run that continues from a checkpoint.
     solver.set_history(solver.get_history())
     delays.clear()

@@ -261,7 +261,6 @@ class ChamberSurfaces:
             """The form (1) at positions x on the film."""
             return factor * ufl.dot(area_vector(film.deformation(x)), at.w) * dx
 
-        acting = at.q1 if system.rule.acts_at_end else at.mid
         factors = np.ones((len(parts), 1))
         # Of each triangle: the row of its factor, and those of its nodes in gradients.
         counts = [len(some) for some in cells]
@@ -271,10 +270,9 @@ class ChamberSurfaces:
         first = (chamber_of[part] * len(self._end)).astype(np.int32)
         rows = np.concatenate(unknowns) + first[:, :, None]
 
-        def adding(form: ufl.Form, values: Array, rows: Any) -> Callable[[], Any]:
+        def adding(compiled: fem.Form, values: Array, rows: Any) -> Callable[[], Any]:
             """Return what adds the numbers that a form has in each triangle to those of an array at
             the rows of a triangle."""
-            compiled = compile_form(form)
             prepared = prepared_integral(compiled, np.concatenate(cells), in_place_of)
             assert prepared is not None
             function, where, _ = prepared
@@ -282,15 +280,16 @@ class ChamberSurfaces:
             to = CellValues(values.reshape(-1, 1), flat)
             return function.applied("add_in_cells", to.struct(where.library), to.width)
 
+        at_end = compile_form(flux(at.q1))
+        acting = at_end if system.rule.acts_at_end else compile_form(flux(at.mid))
+        tangent = compile_form(ufl.derivative(-flux(at.mid), at.q1, at.dq))
         return FilmParts(
             factors,
             chamber_of,
             np.array(signs),
-            adding(flux(at.q1), self._at_end, rows),
-            adding(flux(acting), self._at_mid, rows),
-            adding(
-                ufl.derivative(-flux(at.mid), at.q1, at.dq), self._blocks, np.concatenate(entries)
-            ),
+            adding(at_end, self._at_end, rows),
+            adding(acting, self._at_mid, rows),
+            adding(tangent, self._blocks, np.concatenate(entries)),
         )
 
     def _surfaces_for_kernel(self) -> CStruct:

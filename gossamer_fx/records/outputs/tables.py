@@ -141,8 +141,9 @@ UNIT = re.compile(r" \[(J|kg m/s|kg m²/s|kg|kg/s|Pa|K|m³)\]$")
 
 
 def without_units(head: Iterable[str]) -> list[str]:
-    """Names of columns without their units."""
-    return [UNIT.sub("", column) for column in head]
+    """Names of columns without their units; the first one, what the rows are over, keeps its own."""
+    names = list(head)
+    return [*names[:1], *(UNIT.sub("", column) for column in names[1:])]
 
 
 def _csv_line(values: Iterable[Any]) -> bytes:

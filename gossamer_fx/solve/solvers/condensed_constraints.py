@@ -53,8 +53,8 @@ The matrix A is stored with the fill of K, so that the copy is one of memory.
 Contact.  Its couplings C change their pattern.  The operator of the iteration adds products
 Lᵀ C R y; the two-level preconditioner gets K + Lᵀ C R with the strong ones, as a new matrix.
 
-Limits.  No latches, which hold at times.  No joints that depend on each other in chains of more
-than `MAX_UNKNOWNS_OF_SET` unknowns.
+Limits.  No multipliers of other joints.  Of directors that are held in part the multipliers remain.
+No frames together with gas.
 
 Tried, without gain: beams that hold a film at a few points factorised by themselves, and coupled by
 a dense Schur complement.  The antenna of 170 thousand unknowns took as long as with a factorisation
@@ -790,7 +790,9 @@ def for_constraints(
     if the matrix is to be factorised.  A solve ends after `max_iterations`.  Collective.
     """
     few = eliminated_unknowns(system)
-    is_large = few is None and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
+    # Scalar unknowns, such as gas pressures, leave frames no solver that falls back to factors.
+    is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
+    is_large = few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
     has_contact = bool(system.active_sets)
     if (few is None or not has_contact) and _has_films(system):
         frames = _free_frames(system)

@@ -8,7 +8,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import Inadmissible, NotConverged
+from gossamer_fx.core.checks.errors import NotConverged
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint as EndPoint
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage as PathAverage
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
@@ -92,30 +92,30 @@ class MidpointSolver:
     def step(self, h: float) -> int:
         """Make a step of length h [s], and return its Newton iterations.
 
-        An iteration that fails is repeated with tangents at its start without geometric stiffness,
-        the part proportional to the stress, before the step is given up.  The next steps, also of a
-        shorter length, begin with such tangents at once.  An inadmissible solution is not retried:
-        the same one would be found.  Collective.
+        An iteration that fails is repeated once: with tangents at its start without geometric
+        stiffness, the part proportional to the stress, or with it, if the first attempt was
+        without.  After a failure with it the next steps, also of a shorter length, begin without.
+        An inadmissible solution is not retried: the same one would be found.  Collective.
         """
-        while True:
-            was_delayed = self._delayed_steps > 0
-            self.newton.geometric_stiffness_delay = GEOMETRIC_STIFFNESS_DELAY * was_delayed
+        is_delayed = self._delayed_steps > 0
+        try:
+            iterations = self._attempt(h, is_delayed)
+        except NotConverged:
+            self._delayed_steps = 0 if is_delayed else DELAYED_STEPS
             try:
-                iterations = self._attempt(h)
-            except Inadmissible:
-                raise
+                return self._attempt(h, not is_delayed)
             except NotConverged:
                 self._delayed_steps = DELAYED_STEPS
-                if was_delayed:
-                    raise
-            else:
-                self._delayed_steps = max(self._delayed_steps - 1, 0)
-                return iterations
+                raise
+        self._delayed_steps = max(self._delayed_steps - 1, 0)
+        return iterations
 
-    def _attempt(self, h: float) -> int:
-        """Solve one step of length h [s] by Newton's method and, if it converges, commit it;
-        returns the number of iterations.  Collective."""
+    def _attempt(self, h: float, is_delayed: bool) -> int:
+        """Solve one step of length h [s] by Newton's method, with a delay of the geometric stiffness
+        if asked for, and, if it converges, commit it; returns the number of iterations.
+        Collective."""
         system = self._system
+        self.newton.geometric_stiffness_delay = GEOMETRIC_STIFFNESS_DELAY * is_delayed
         # The vector of unknowns in which the iteration starts.
         y = system.begin_step(h)
         # Predictor of constant velocity, p = h v0, which w [m] corrects; its inertia is M (v1 -
