@@ -8,7 +8,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import NotConverged
+from gossamer_fx.core.checks.errors import Inadmissible, NotConverged
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint as EndPoint
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage as PathAverage
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
@@ -100,6 +100,8 @@ class MidpointSolver:
         is_delayed = self._delayed_steps > 0
         try:
             iterations = self._attempt(h, is_delayed)
+        except Inadmissible:
+            raise
         except NotConverged:
             self._delayed_steps = 0 if is_delayed else DELAYED_STEPS
             try:
