@@ -141,7 +141,7 @@ UNIT = re.compile(r" \[(J|kg m/s|kg m²/s|kg|kg/s|Pa|K|m³)\]$")
 
 
 def without_units(head: Iterable[str]) -> list[str]:
-    """Names of columns without their units; the first one, what the rows are over, keeps its own."""
+    """Names of columns without their units, but for the first one, which rows are over."""
     names = list(head)
     return [*names[:1], *(UNIT.sub("", column) for column in names[1:])]
 

@@ -30,20 +30,14 @@ so that R has three columns for the six or nine numbers of a frame, with d_i at 
 and L the same in the middle (discrete null space method, Betsch, CMAME 194 (2005) 5159,
 doi:10.1016/j.cma.2005.01.004).
 
-What is left are revolute, sliding and other joints, links, and directors that are held in part.
-Their gradients J by the unknowns that are left have a null space N and right inverses; R is then
-replaced by R N.  Joints that share no unknowns have null spaces of their own, which are small.
-
 Algorithm.
 
 1. Once: Gaussian elimination of the linear equations, so that a slave may follow a coordinate that
    is itself a slave (chains of ties).  The slave is the coordinate with the largest coefficient, of
    a film or cable if the equation has one, else of the position of another body.
-2. For each matrix: R = V R_d N, of the elimination V, the rotations R_d of (4) and the null spaces
-   N of joints, whose gradients are rows and columns of A; L in the same way.
+2. For each matrix: R = V R_d, of the elimination V and the rotations R_d of (4); L in the same way.
 3. K = Lᵀ A R, with the unit matrix in the rows and columns of what is gone, so that the numbering
-   stays; θ has the numbers of the first director, and of the unknowns of a joint those give way
-   which its equations determined best at the start.  R differs from the unit matrix in few rows; A is
+   stays; θ has the numbers of the first director.  R differs from the unit matrix in few rows; A is
    copied and corrected in these rows and in those of their neighbours.
 4. In each application: (3), with the two-level preconditioner (`solvers.two_level`) of K instead of
    its inverse.  (2) and the multipliers are exact, so that the Krylov iteration is that of y.
@@ -316,10 +310,7 @@ class CondensedConstraints:
         turned = sum(len(each.directors) for each in self._condensation.frames)
         words = f"{self._two_level}, {len(self._condensation.rules)} tied coordinates condensed"
         if turned:
-            words += f", {turned} frames"
-        joined = sum(sets.multipliers.size for sets in self._condensation.joints)
-        if joined:
-            words += f", {joined} equations of joints"
+            words += f" and {turned} frames"
         return words
 
     def recover(self) -> None:
