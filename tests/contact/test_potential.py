@@ -10,6 +10,7 @@ from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_po
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import (
     ContactLaw,
+    PairEvaluation,
     PairState,
     energy_of_pairs,
     evaluate,
@@ -123,16 +124,16 @@ def test_sums_over_pairs_are_those_of_the_pairs(kind: int) -> None:
     assert (first.state == alone.state).all()
     blocks = np.zeros((16 * 50, 9))
     block_index = np.arange(16 * 50, dtype=np.int32).reshape(50, 16)
-    evaluate(
+    tangents = PairEvaluation(
         pairs,
-        x0,
-        x1,
+        len(x0),
         BARRIER,
         0.5,
+        state=first.state,
         block_index=block_index,
         blocks=blocks,
-        known_state=first.state,
     )
+    tangents(x0, x1, is_known=True)
     assert (point_forces.reshape(50, 12) == alone.forces).all()
     by_pairs = blocks.reshape(50, 4, 4, 3, 3).swapaxes(2, 3).reshape(50, 144)
     assert (by_pairs == alone.tangents).all()

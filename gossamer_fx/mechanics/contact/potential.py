@@ -295,13 +295,11 @@ def evaluate(
     alpha: float,
     *,
     push_back: float = PUSH_BACK,
-    known_state: ByteArray | None = None,
     **wanted: Any,
 ) -> PairEvaluation:
-    """Compute forces and tangents of contact pairs once, see `PairEvaluation`; `known_state` (n,)
-    is that of an earlier call for the same step."""
-    evaluation = PairEvaluation(pairs, len(x0), law, alpha, state=known_state, **wanted)
-    evaluation(x0, x1, push_back=push_back, is_known=known_state is not None)
+    """Compute forces and tangents of contact pairs once, see `PairEvaluation`."""
+    evaluation = PairEvaluation(pairs, len(x0), law, alpha, **wanted)
+    evaluation(x0, x1, push_back=push_back)
     return evaluation
 
 

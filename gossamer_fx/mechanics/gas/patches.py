@@ -389,8 +389,8 @@ class ChamberSurfaces:
         """Add the derivative of the forces of all `pressures` [Pa] by the end of the step to the
         tangent of the system [N/m]."""
         self._c.lib.patches_tangent(self._c_all.pointer)
+        forces = self._orientation * self.pressures
         for film in self._films:
-            forces = self._orientation * self.pressures
             film.factors[:, 0] = film.signs * forces[film.chambers]
             film.add_tangent()
         self._entries.add(A, self._blocks)

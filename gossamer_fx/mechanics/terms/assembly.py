@@ -430,6 +430,11 @@ class HistoryVariables(ABC):
         return {}
 
 
+def history_parts(term: Term) -> dict[str, HistoryVariables]:
+    """The fields of a term that have history variables, by name."""
+    return {name: part for name, part in vars(term).items() if isinstance(part, HistoryVariables)}
+
+
 class Differentiable:
     """Derivatives of its forces with respect to parameters, for gradients of results.
 

@@ -336,8 +336,8 @@ def defect(
 
     With it the work of the stress is the change of the energy.  It is zero within the round-off of
     the energies, and for |Δe| below 1e-5 |e| or `SHORTEST_PATH`.  There it would only amplify
-    noise.  A film that is taut
-    over the whole step needs no correction, and the noise would stop its convergence.
+    noise.  A film that is taut over the whole step needs no correction, and the noise would stop
+    its convergence.
 
     Args:
         ψ: energy density as a function of the strain (m,), e.g. per area [N/m].

@@ -774,15 +774,14 @@ class CondensedSolver:
 
 
 def for_constraints(
-    system: System, max_iterations: int
+    system: System, max_iterations: int, is_alone: bool
 ) -> CondensedConstraints | EliminatedJoints | None:
     """The preconditioner of a system with constraints, as the context of PETSc's Python
     preconditioner: films whose constraints are condensed, or films with few other unknowns.  None
-    if the matrix is to be factorised.  A solve ends after `max_iterations`.  Collective.
+    if the matrix is to be factorised.  A solve ends after `max_iterations`.  `is_alone` says that
+    there are no scalar unknowns, so that `CondensedSolver` serves, which frames need.  Collective.
     """
     few = eliminated_unknowns(system)
-    # Scalar unknowns, such as gas pressures, leave frames no solver that falls back to factors.
-    is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
     is_large = few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
     has_contact = bool(system.active_sets)
     if (few is None or not has_contact) and _has_films(system):

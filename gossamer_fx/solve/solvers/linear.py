@@ -315,8 +315,9 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
     A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
     Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
-    few are eliminated, many condensed, those of beams and rigid bodies in large systems only
-    (`condensed_constraints.for_constraints`).
+    those of ties are condensed, and in large systems those of beams and rigid bodies; few of others
+    are eliminated (`condensed_constraints.for_constraints`), with many the matrix is factorised,
+    too.
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
@@ -333,13 +334,13 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         # Imported here, as scenes without joints must not pay for it.
         from gossamer_fx.solve.solvers import condensed_constraints
 
-        context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS)
+        # Scalar unknowns need a separate preconditioner.
+        is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
+        context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS, is_alone)
         if context is not None:
             _choose_gmres(ksp)
             pc.setType("python")
             pc.setPythonContext(context)
-            # Scalar unknowns need a separate preconditioner.
-            is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
             if is_alone and isinstance(context, condensed_constraints.CondensedConstraints):
                 ksp.setType("python")
                 ksp.setPythonContext(condensed_constraints.CondensedSolver(context))

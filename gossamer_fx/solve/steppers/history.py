@@ -8,7 +8,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array, MeshBody
-from gossamer_fx.mechanics.terms.assembly import HistoryVariables
+from gossamer_fx.mechanics.terms.assembly import HistoryVariables, history_parts
 from gossamer_fx.solve.steppers.stepping import Carrier
 from gossamer_fx.solve.system.system import System
 
@@ -59,9 +59,8 @@ class History:
             self.cells |= compiled.cell_history()
         # Terms have no unique names, so their positions in the scene are part of the names.
         for k, term in enumerate(system.terms):
-            for what, field in vars(term).items():
-                if isinstance(field, HistoryVariables):
-                    self._variables[f"part {k} {what}"] = field
+            for what, part in history_parts(term).items():
+                self._variables[f"part {k} {what}"] = part
 
     def get_history(self) -> dict[str, Any]:
         """The history variables of each object that has some, by the object's name."""

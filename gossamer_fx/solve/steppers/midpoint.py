@@ -113,8 +113,8 @@ class MidpointSolver:
         return iterations
 
     def _attempt(self, h: float, is_delayed: bool) -> int:
-        """Solve one step of length h [s] by Newton's method, at first without geometric stiffness if
-        `is_delayed`, and, if it converges, commit it; returns the number of iterations.
+        """Solve one step of length h [s] by Newton's method, at first without geometric stiffness
+        if `is_delayed`, and, if it converges, commit it; returns the number of iterations.
         Collective."""
         system = self._system
         self.newton.geometric_stiffness_delay = GEOMETRIC_STIFFNESS_DELAY * is_delayed

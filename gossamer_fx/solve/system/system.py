@@ -30,6 +30,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     ItemTerms,
     Multipliers,
     Shown,
+    history_parts,
 )
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
@@ -344,20 +345,21 @@ class System:
         """Take the history variables of items that are in another scene, too, from whose shape this
         one starts.  Kinds of terms that have them together are to have the same items.
         Collective."""
-        pairs: list[tuple[object, object]] = []
+        pairs: list[tuple[HistoryVariables, HistoryVariables]] = []
         for each in self._items:
             # The other scene may lack the item.
             for term, before in zip(each.terms, other.terms_of(each.item), strict=False):
-                pairs += [(part, getattr(before, name, None)) for name, part in vars(term).items()]
+                sources = history_parts(before)
+                parts = history_parts(term).items()
+                pairs += [(part, sources[name]) for name, part in parts if name in sources]
         for compiled in self.compiled_as(HistoryVariables):
             kind = type(compiled)
             if self._items_of(kind) == other._items_of(kind):
                 pairs += [(compiled, there) for there in other.compiled_as(kind)]
         for part, source in pairs:
-            if isinstance(part, HistoryVariables) and isinstance(source, HistoryVariables):
-                history = source.shape_history()
-                if history is not None:
-                    part.set_history(history)
+            history = source.shape_history()
+            if history is not None:
+                part.set_history(history)
         if self.constraints and self.constraints.can_switch:
             # What latches hold now, the velocities have to fit.
             self.constraints.validate(self.q0, self.v0, self.free_marks())
