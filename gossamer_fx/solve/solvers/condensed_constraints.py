@@ -67,13 +67,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, identity
 
+import gossamer_fx.solve.solvers.eliminated_joints as eliminated_joints
 import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.algebra.rotations import cross_matrices
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.assembly import Frames
 from gossamer_fx.solve.solvers.coarse_space import NONE, Indices
-from gossamer_fx.solve.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns
 from gossamer_fx.solve.solvers.two_level import TwoLevel
 from gossamer_fx.solve.system.system import System
 
@@ -775,24 +775,26 @@ class CondensedSolver:
 
 def for_constraints(
     system: System, max_iterations: int, is_alone: bool
-) -> CondensedConstraints | EliminatedJoints | None:
+) -> CondensedConstraints | eliminated_joints.EliminatedJoints | None:
     """The preconditioner of a system with constraints, as the context of PETSc's Python
     preconditioner: films whose constraints are condensed, or films with few other unknowns.  None
     if the matrix is to be factorised.  A solve ends after `max_iterations`.  `is_alone` says that
     there are no scalar unknowns, so that `CondensedSolver` serves, which frames need.  Collective.
     """
-    few = eliminated_unknowns(system)
-    is_large = few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
+    others = eliminated_joints.other_unknowns(system)
+    are_few = system.comm.allreduce(len(others)) <= eliminated_joints.MAX_ELIMINATED
+    is_large = not are_few and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
+    has_films = _has_films(system)
     has_contact = bool(system.active_sets)
-    if (few is None or not has_contact) and _has_films(system):
+    if has_films and not (are_few and has_contact):
         frames = _free_frames(system)
         if is_large or not frames:
             condensation = Condensation(system, frames)
             if condensation.leaves_no_multiplier(system):
                 return CondensedConstraints(system, condensation)
-    if few is None:
+    if not eliminated_joints.can_be_eliminated(system, others):
         return None
-    return EliminatedJoints(system, few, max_iterations)
+    return eliminated_joints.EliminatedJoints(system, others, max_iterations)
 
 
 def _has_films(system: System) -> bool:

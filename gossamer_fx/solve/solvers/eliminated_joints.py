@@ -1,10 +1,10 @@
-"""Preconditioner for films with a few other unknowns: hubs, tethers and multipliers are eliminated
-exactly.
+"""Preconditioner for films with other unknowns, few of which are coupled with films: hubs, hinged
+panels, tethers and multipliers are eliminated exactly.
 
 Problem.  An incomplete factorisation needs a diagonal without zeros, which Lagrange multipliers do
 not have. A film of any size would therefore be factorised completely because of one hub.
 
-Idea.  Order the unknowns into those of the films, f, and the few others, g.  A residual r = (r_f,
+Idea.  Order the unknowns into those of the films, f, and the others, g.  A residual r = (r_f,
 r_g) is to give a correction z = (z_f, z_g) with
 
     [ F  B ] [z_f]   [r_f]
@@ -21,7 +21,8 @@ Algorithm.
 
 1. Factorise F, with all couplings of contact, with `ILU_LEVELS` levels of fill.  Without the
    couplings of contact the packed sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
-2. Once a step, compute Z by an application of F̃⁻¹ to each column of B, and factorise Σ.
+2. Once a step, compute Z by an application of F̃⁻¹ to each column of B that is not zero.  For each
+   matrix factorise Σ, which is sparse: C Z couples only unknowns g that are coupled with films.
 3. In each Krylov iteration, apply (2) and (3).
 4. Within a step keep F̃ for the next Newton iteration while solves with it take few Krylov
    iterations, and replace it within a solve that takes more.  F̃ of the first iterate is not kept:
@@ -31,8 +32,8 @@ Algorithm.
    the step completely.  Each further step in a row in which that happens doubles the number of
    steps that begin with complete factorisations, up to `MAX_FACTORISED_STEPS`.
 
-Cost.  Step 2 costs as many applications of F̃⁻¹ as there are eliminated unknowns, hence at most
-`MAX_ELIMINATED`.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
+Cost.  Step 2 costs as many applications of F̃⁻¹ as unknowns g are coupled with films, at most
+`MAX_ELIMINATED` but for contact.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
 
 Several ranks.  F̃ is additive Schwarz: each rank factorises its part of F, which overlaps the others
 by three cells.  Every rank keeps the columns of C and the rows of Z that belong to its own films,
@@ -43,12 +44,14 @@ Limits.  Bodies whose nodes have three unknowns.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.linalg import lapack
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import SuperLU, splu
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.model.body import Array, Indices
@@ -63,8 +66,16 @@ if TYPE_CHECKING:
 # take 29 s.
 ILU_LEVELS = 3
 
-# Largest number of unknowns g, of all ranks: an application of F̃⁻¹ for each, once a step.
+# Largest number of unknowns g that are coupled with films, of all ranks: an application of F̃⁻¹ for
+# each, once a step.  A film of 8 or 48 thousand unknowns on ropes between hinged panels, with 10
+# iterations in a step, takes 0.72 and 0.73 of the CPU time of a factorisation with 24 of them, 0.86
+# and 0.84 with 48, 1.31 and 1.16 with 96.
 MAX_ELIMINATED = 60
+
+# Largest share of unknowns g in all unknowns, if they are more than `MAX_ELIMINATED`: every rank
+# factorises all of Σ.  Films between beams, which have 28 to 44 % of the unknowns, take 2.5 times
+# the time of a factorisation, hinged panels with 15 % of them 0.66 to 1.18.
+MAX_SHARE = 0.125
 
 # Krylov iterations of a solve that cost as much as a complete factorisation of as many unknowns.
 # In films the work of a factorisation grows with the power 1.5 of their number, that of an
@@ -91,26 +102,31 @@ MAX_FACTORISED_STEPS = 8
 SINGULAR = "the Schur complement of the joints is singular"
 
 
-def eliminated_unknowns(system: System) -> Indices | None:
-    """Local indices (k,) of the few unknowns of this rank that are not films, those of rigid
-    bodies, point masses, beams and multipliers, which the preconditioner eliminates exactly.
-    Collective.
-
-    None, on all ranks, if this preconditioner does not serve the scene: all ranks together have
-    none or more than 60 of them, or matrices do not have blocks of three rows.
-    """
-    numbering = system.numbering
-    if numbering.block_size != 3:
-        return None
-    is_film = np.zeros(numbering.size_local, dtype=bool)
+def other_unknowns(system: System) -> Indices:
+    """Local indices (k,) of the unknowns of this rank that are not films: those of rigid bodies,
+    point masses, beams and multipliers."""
+    is_film = np.zeros(system.numbering.size_local, dtype=bool)
     for body in system.coordinates:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
-    eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)
-    # Summed, so that all ranks decide alike.
-    if not 0 < system.comm.allreduce(len(eliminated)) <= MAX_ELIMINATED:
-        return None
-    return eliminated
+    return np.flatnonzero(~is_film).astype(PETSc.IntType)
+
+
+def can_be_eliminated(system: System, unknowns: Indices) -> bool:
+    """Whether this preconditioner serves a scene, with these local indices of `other_unknowns` on
+    each rank.  Collective.
+
+    Matrices have blocks of three rows, there are such unknowns, at most 60 of them are coupled with
+    films, and they are not more than an eighth of all, unless they are at most 60.
+    """
+    numbering = system.numbering
+    rest = np.concatenate(system.comm.allgather(numbering.start + unknowns))
+    largest = max(MAX_ELIMINATED, MAX_SHARE * numbering.size)
+    if numbering.block_size != 3 or not 0 < len(rest) <= largest:
+        return False
+    rows = (numbering.start + unknowns).tolist()
+    coupled = sum(not np.isin(system.A.getRow(row)[0], rest).all() for row in rows)
+    return system.comm.allreduce(coupled) <= MAX_ELIMINATED
 
 
 def max_applications(unknowns: int, max_iterations: int) -> float:
@@ -168,6 +184,8 @@ class EliminatedJoints:
         self._applications = 0  # since the last set-up
         self._is_kept = False  # whether the factors are those of an earlier matrix
         self._Z: Array = np.zeros((0, len(films)))
+        self._bound: Indices = np.zeros(0, dtype=np.int64)  # those of the rows of Z
+        self._schur: SuperLU | None = None
         self.problem = ""
 
     def __str__(self) -> str:
@@ -241,14 +259,24 @@ class EliminatedJoints:
         self._right, self._solution = F.createVecs()
         # The preconditioner retains it; on several ranks PETSc would hold what Python drops.
         F.destroy()
+        before = self._bound
         self._take_rows(matrix)
-        if is_new_step or len(self._Z) != len(self._all_rest):
-            transposed_B = self._couplings_to_films(matrix)
-            self._Z = np.array([self._solve_films(column) for column in transposed_B])
+        if is_new_step or not np.array_equal(self._bound, before):
+            self._Z = self._solved_columns(self._couplings_to_films(matrix))
         coupling = self._sum(self._C @ self._Z[:, self._coupled].T)
-        # LAPACK itself, as SciPy prints a warning where joints depend on each other.
-        self._schur, self._pivots, zero_pivot = lapack.dgetrf(self._D - coupling)
-        if zero_pivot:
+        self._factorise_schur(coupling)
+
+    def _factorise_schur(self, coupling: Array) -> None:
+        """Factorise Σ = D - C Z, with C Z (b, b) of the unknowns that are coupled with films."""
+        rows = np.repeat(self._bound, len(self._bound))
+        columns = np.tile(self._bound, len(self._bound))
+        schur = self._D - csc_matrix((coupling.ravel(), (rows, columns)), shape=self._D.shape)
+        self._schur = None
+        # SuperLU does not stop at numbers that are not finite.
+        if np.isfinite(schur.data).all():
+            with contextlib.suppress(RuntimeError):  # of a pivot that is zero
+                self._schur = splu(schur)
+        if self._schur is None:
             self.problem = SINGULAR
 
     def _factorise_incompletely(self, F: PETSc.Mat) -> None:
@@ -271,44 +299,55 @@ class EliminatedJoints:
         return total
 
     def _take_rows(self, matrix: PETSc.Mat) -> None:
-        """Read C (k, c) and D (k, k), where c counts this rank's unknowns of films that are coupled
-        with the k eliminated ones, `_coupled`.  Collective.
+        """Read D (k, k) of the k eliminated unknowns, which of them are coupled with films,
+        `_bound` (b,), and their C (b, c), where c counts this rank's unknowns of films that are
+        coupled with any, `_coupled`.  Collective.
 
-        These are few: the nodes to which tethers are tied, and those that touch a hub.  The k
-        sparse rows are sent to all ranks, each of which takes its own columns.
+        Both are few: the nodes to which tethers are tied, those that touch a hub, and the bodies
+        that they are tied to.  The k sparse rows are sent to all ranks.
         """
         own_rows = [matrix.getRow(int(self._start + row)) for row in self._rest]
         all_rows = [row for rows in self._comm.allgather(own_rows) for row in rows]
-        in_own_columns = np.zeros((len(all_rows), self._system.numbering.size_local))
-        is_stored = np.zeros(in_own_columns.shape[1], dtype=bool)
-        self._D = np.zeros((len(all_rows), len(all_rows)))
-        for k, (columns, values) in enumerate(all_rows):
-            is_own = (columns >= self._start) & (columns < self._start + len(is_stored))
-            in_own_columns[k, columns[is_own] - self._start] = values[is_own]
-            is_stored[columns[is_own] - self._start] = True
-            is_rest = np.isin(columns, self._all_rest)
-            self._D[k, np.searchsorted(self._all_rest, columns[is_rest])] = values[is_rest]
-        self._coupled = np.flatnonzero(is_stored[self._films])
-        self._C = in_own_columns[:, self._films[self._coupled]]
+        columns = np.concatenate([columns for columns, _ in all_rows])
+        values = np.concatenate([values for _, values in all_rows])
+        count = len(all_rows)
+        rows = np.repeat(np.arange(count), [len(columns) for columns, _ in all_rows])
+        is_rest = np.isin(columns, self._all_rest)
+        of_rest = np.searchsorted(self._all_rest, columns[is_rest])
+        self._D = csc_matrix((values[is_rest], (rows[is_rest], of_rest)), shape=(count, count))
+        self._bound = np.unique(rows[~is_rest])
+        end = self._start + self._system.numbering.size_local
+        is_own = ~is_rest & (columns >= self._start) & (columns < end)
+        own_columns = np.searchsorted(self._films, columns[is_own] - self._start)
+        self._coupled = np.unique(own_columns)
+        self._C = np.zeros((len(self._bound), len(self._coupled)))
+        place = np.searchsorted(self._bound, rows[is_own])
+        self._C[place, np.searchsorted(self._coupled, own_columns)] = values[is_own]
 
     def _couplings_to_films(self, matrix: PETSc.Mat) -> Array:
-        """The transpose Bᵀ (k, films of this rank) of the block that couples films to the k
+        """The transpose Bᵀ (b, films of this rank) of the block that couples films to the b
         eliminated unknowns, [N/m] for coordinates.  The matrix has the same pattern as its
         transpose, so that only the rows of coupled unknowns are read."""
-        transpose = np.zeros((len(self._all_rest), len(self._films)))
+        transpose = np.zeros((len(self._bound), len(self._films)))
+        bound = self._all_rest[self._bound]
         for film in self._coupled:
             columns, values = matrix.getRow(int(self._start + self._films[film]))
-            is_rest = np.isin(columns, self._all_rest)
-            eliminated = np.searchsorted(self._all_rest, columns[is_rest])
-            transpose[eliminated, film] = values[is_rest]
+            is_bound = np.isin(columns, bound)
+            transpose[np.searchsorted(bound, columns[is_bound]), film] = values[is_bound]
         return transpose
+
+    def _solved_columns(self, columns: Array) -> Array:
+        """F̃⁻¹ times each of some vectors (b, films of this rank), of which many may be zero: a rope
+        at the centre of a rigid body does not turn it.  Collective."""
+        solved = np.zeros_like(columns)
+        sizes = self._sum(np.abs(columns).sum(axis=1))
+        for k in np.flatnonzero(sizes):
+            solved[k] = self._solve_films(columns[k])
+        return solved
 
     def _solve_films(self, values: Array) -> Array:
         """F̃⁻¹ times a vector, of which this rank has these values (films of this rank,).
         Collective."""
-        # Only on one rank: where these values are zero, those of another rank may not be.
-        if self._comm.size == 1 and not values.any():
-            return np.zeros(len(values))
         self._right.array[:] = values
         self._incomplete.apply(self._right, self._solution)
         return self._solution.array_r.copy()
@@ -332,13 +371,14 @@ class EliminatedJoints:
             return
         values = r.array_r
         of_films = self._solve_films(values[self._film_slice])
-        right = -(self._C @ of_films[self._coupled])
+        right = np.zeros(len(self._all_rest))
+        right[self._bound] = -(self._C @ of_films[self._coupled])
         right[self._own] += values[self._rest]
-        of_rest, _ = lapack.dgetrs(self._schur, self._pivots, self._sum(right))
+        of_rest = self._schur.solve(self._sum(right))
         if not np.isfinite(of_rest).all():
             self.problem = SINGULAR
         with z as out:
-            out[self._film_slice] = of_films - of_rest @ self._Z
+            out[self._film_slice] = of_films - of_rest[self._bound] @ self._Z
             out[self._rest] = of_rest[self._own]
 
     def recover(self) -> None:
