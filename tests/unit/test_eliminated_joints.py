@@ -210,7 +210,7 @@ def test_a_singular_elimination_is_followed_by_factorisations(comm, monkeypatch,
     assert abs(run.energy_error) < 1e-11 * run.totals.energy
 
 
-def film_between_panels(comm, cells, ropes=1, panels=8):
+def film_between_panels(comm, cells, ropes=1, panels=8, has_contact=False):
     """A film on ropes between two chains of hinged panels, which it bends; `ropes` of them at each
     end of both chains."""
     film = gx.Membrane(
@@ -220,6 +220,8 @@ def film_between_panels(comm, cells, ropes=1, panels=8):
         velocity=lambda X: np.vstack([0 * X[0], 0.1 * (0.5 - X[1]), X[0] * (1 - X[0])]),
     )
     items: list[object] = [film, gx.Damping(film, stiffness_factor=1e-4)]
+    if has_contact:
+        items.append(gx.Contact(film, distance=1e-3))
     half = 0.5 / panels
     for side, y in enumerate((-0.1, 1.1)):
         bodies = [
@@ -288,10 +290,12 @@ def test_hinged_panels_are_eliminated_as_few_of_them_hold_the_film(comm):
 
 @pytest.mark.mpi
 def test_bodies_that_are_mostly_held_to_the_film_are_factorised(comm):
-    """More than 60 unknowns that are coupled with the film, or more than an eighth of all: the
-    preconditioner does not serve, on any rank."""
+    """More than 60 unknowns that are coupled with the film, or may come in contact with it, or more
+    than an eighth of all: the preconditioner does not serve, on any rank."""
     of_many_ropes = film_between_panels(comm, cells=32, ropes=3).system
     assert not can_be_eliminated(of_many_ropes, other_unknowns(of_many_ropes))
+    of_contact = film_between_panels(comm, cells=32, has_contact=True).system
+    assert not can_be_eliminated(of_contact, other_unknowns(of_contact))
     of_small_film = film_between_panels(comm, cells=10).system
     assert not can_be_eliminated(of_small_film, other_unknowns(of_small_film))
 

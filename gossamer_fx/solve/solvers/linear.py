@@ -315,9 +315,9 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
     A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
     Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
-    those of ties are condensed, and in large systems those of beams and rigid bodies; few of others
-    are eliminated (`condensed_constraints.for_constraints`), with many the matrix is factorised,
-    too.
+    those of ties are condensed, and in large systems those of beams and rigid bodies; others are
+    eliminated if few of them are coupled with films (`condensed_constraints.for_constraints`), else
+    the matrix is factorised, too.
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
