@@ -403,7 +403,7 @@ def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:
         found = probe(run)
         # As the gap of a contact in which nothing is near, or the radius of a flat film.
         infinite = isinstance(found, float) and math.isinf(found)
-        check(not infinite, "it is infinite; record its inverse, lambda run: 1 / probe(run).")
+        check(not infinite, f"it returns {found}; record its inverse, lambda run: 1 / probe(run).")
         return found
 
     return float(ask_numbers(run.comm, f"{name} at {run.axis.words(run.time)}", value))
