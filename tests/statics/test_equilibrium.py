@@ -10,11 +10,21 @@ from demos.studies import airbag
 from gossamer_fx import Equilibrium, NoEquilibrium
 from gossamer_fx.analysis import Continuation
 from gossamer_fx.meshes.disc import quarter_disc
+from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import run_until
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
 LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual_stiffness=1e-6), gx.TensionField(**FILM)]
+
+RIGID_MOTIONS = (
+    "translation x",
+    "translation y",
+    "translation z",
+    "rotation x",
+    "rotation y",
+    "rotation z",
+)
 
 
 def quarter(comm, law, cells, order, pressure, rim=(0, 1, 2)):
@@ -130,16 +140,45 @@ def test_motions_that_nothing_resists_are_named(comm):
     """A film with nothing but its prestress: whole and free."""
     film = gx.Membrane(sheet(comm, 4, 4), gx.Miyazaki(**FILM), displacement=lambda X: 0.01 * X)
     found = Equilibrium(gx.Scene(film)).find()
-    expected = (
-        "translation x",
-        "translation y",
-        "translation z",
-        "rotation x",
-        "rotation y",
-        "rotation z",
-    )
-    assert found.free == expected
+    assert found.free == RIGID_MOTIONS
     assert not found.regular
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("joint", ["weld", "weld of beams", "ball"])
+def test_joints_that_bear_forces_turn_with_what_floats(comm, joint):
+    """Two booms that a spring draws together: a rotation turns the forces of their joints, too, so
+    that nothing resists it."""
+    section = gx.sections.tube(0.03, 1e-3, E=100e9, nu=0.3, density=1600.0)
+    tips = [(1.0, 0.2, 0.0), (-1.0, 0.3, 0.1)]
+    booms = []
+    for k, tip in enumerate(tips):
+        booms.append(gx.Beam(line(comm, [(0, 0, 0), tip], 2), section, name=f"boom {k}"))
+    roots = [boom.frame("start") for boom in booms]
+    ends = [boom.port("end") for boom in booms]
+    items = [*booms, gx.connectors.Spring(*ends, stiffness=10.0, length=0.5)]
+    if joint == "weld":
+        hub = gx.RigidBody(100.0, (20.0, 20.0, 20.0), name="hub", comm=comm)
+        items.append(hub)
+        for k, root in enumerate(roots):
+            items.append(gx.constraints.FixedJoint(root, hub.frame(), name=f"root {k}"))
+    else:
+        # The normal of one beam follows its section by equations, whose forces turn, too.
+        items.append(gx.constraints.FixedJoint(*roots))
+    if joint == "ball":
+        strut = gx.Beam(line(comm, tips, 2), section, name="strut")
+        for end, port in zip(("start", "end"), ends, strict=True):
+            items.append(gx.constraints.BallJoint(strut.port(end), port, name=end))
+    assert Equilibrium(gx.Scene(*items)).find().free == RIGID_MOTIONS
+
+
+@pytest.mark.mpi
+def test_a_load_resists_the_rotations_that_it_stops(comm):
+    """A pendulum turns freely about the vertical only, with the force of its joint."""
+    bob = gx.RigidBody(2.0, (0.1, 0.1, 0.2), position=(0.0, 0.0, -1.0), name="bob", comm=comm)
+    pivot = gx.constraints.BallJoint(bob.port_at((0.0, 0.0, 0.0)), gx.Ground((0.0, 0.0, 0.0)))
+    found = Equilibrium(gx.Scene(bob, pivot, gx.Gravity(bob))).find()
+    assert found.free == ("rotation z",)
 
 
 def test_without_an_equilibrium_the_reason_is_given(comm):

@@ -338,6 +338,17 @@ def test_springs_in_series_take_prestress_back(comm, caplog):
             assert f"prestress of 'cable' {reached.mean:.3g} N of 10 N" in repr(result)
 
 
+def test_heat_that_takes_prestress_is_named(comm, caplog):
+    """Between fixed edges a film that is warmer by ΔT loses the stress E α ΔT/(1 - ν)."""
+    warm = gx.materials.ThermalExpansion(2e-5, 303.15, reference=293.15)
+    film = gx.Membrane(sheet(comm, 2, 2), FILM, initial_stress=2 * STRESS, thermal=warm)
+    reached = held(film).find().prestress["film"]
+    expected = 2 * STRESS - E * 2e-5 * 10.0 / (1 - NU)
+    assert reached.mean == pytest.approx(expected, rel=1e-3)
+    if comm.rank == 0:
+        assert "supports give way, or loads or heat relieve it: 'film' has" in caplog.text
+
+
 def test_film_on_soft_springs(comm, caplog):
     """A strip of film between a support and springs, stressed in one direction.
 

@@ -236,7 +236,7 @@ def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
         remedy += "; a straight free edge of a film bears no stress, an arc with a cord does"
     return (
         "The prestress that was asked for is not reached, "
-        f"as supports give way or loads relieve it: {', '.join(words)}; {remedy}."
+        f"as supports give way, or loads or heat relieve it: {', '.join(words)}; {remedy}."
     )
 
 

@@ -322,26 +322,26 @@ def _distance(mode: Mode, ω: float) -> float:
     return math.hypot(mode.growth, 2 * math.pi * mode.frequency - ω)
 
 
+def _square(mode: Mode) -> float:
+    """λ² [1/s²]: -ω² of a vibration, positive of a mode that grows."""
+    return mode.growth**2 - (2 * math.pi * mode.frequency) ** 2
+
+
 def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
     """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass.
     `least` is the square of a frequency [rad²/s²] that is round-off; frequencies count as equal if
     their squares differ by up to `EQUAL_SQUARES` of them, or are near `least`.  Of several modes of
     one frequency the solver finds any independent combinations, whose effective masses do not add
     up.  Collective."""
-
-    def square(mode: Mode) -> float:
-        """λ² [1/s²]: -ω² of a vibration, positive of a mode that grows."""
-        return mode.growth**2 - (2 * math.pi * mode.frequency) ** 2
-
-    ordered = sorted(found, key=square)
+    ordered = sorted(found, key=_square)
     groups: list[list[Mode]] = []
     for mode in ordered:
         zero = ZERO_FREQUENCY_FACTOR * least
         is_equal = False
         if groups:
-            before = square(groups[-1][-1])
-            both_zero = max(abs(before), abs(square(mode))) <= zero
-            difference = abs(square(mode) - before)
+            before = _square(groups[-1][-1])
+            both_zero = max(abs(before), abs(_square(mode))) <= zero
+            difference = abs(_square(mode) - before)
             is_equal = both_zero or difference <= EQUAL_SQUARES * abs(before)
         if is_equal:
             groups[-1].append(mode)
@@ -435,7 +435,7 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
         LOG.warning(
             "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; "
             "prestress the film, give it a residual stiffness, "
-            "hold what is free, or ask for modes above a frequency.",
+            "hold what is free, or ask for those near a higher frequency (`above`).",
             zeros,
             len(found),
             limit,
@@ -656,11 +656,20 @@ def _search(operator: PETSc.Mat, count: int, shift: float) -> Iterator[Mode]:
 def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, least: float) -> int:
     """Number of modes nearer to the angular frequency ω [rad/s] than the last wanted one that were
     not found; warns if the wanted modes cut a group of one frequency.  Collective."""
-    distances = sorted(_distance(mode, ω) for mode in found)
+    ordered = sorted(found, key=lambda mode: _distance(mode, ω))
+    distances = [_distance(mode, ω) for mode in ordered]
     last = distances[count - 1]
-    # Within round-off of zero there may be any number of modes, as of slack film.
-    if ω == 0 and last**2 <= ZERO_FREQUENCY_FACTOR * least:
-        return 0
+    # Within round-off of zero there may be any number of modes, as of slack film or of a scene that
+    # floats; of those only the modes above are counted that are nearer to ω.
+    zero = ZERO_FREQUENCY_FACTOR * least
+    if abs(_square(ordered[count - 1])) <= zero:
+        nearer = last * (1 - EQUAL_DISTANCES)
+        highest = (ω + nearer) ** 2
+        if highest <= zero:
+            return 0
+        above_zero = [mode for mode in ordered if -_square(mode) > zero]
+        known = sum(_distance(mode, ω) < nearer for mode in above_zero)
+        return max(spectrum.count(zero, highest) - known, 0)
     within = spectrum.count(*_squares_within(ω, last * (1 + EQUAL_DISTANCES)))
     if within <= count:
         return 0

@@ -9,8 +9,8 @@ Algorithm, with the tangent K without inertia from which fixed coordinates were 
 1. The parts are the connected components of the graph of K: parts do not exert forces on each
    other.
 2. Each part has six rigid motions about its centre, three translations and three rotations, the
-   columns of R (unknowns, 6).  A rotation ω moves a position by ω × (q - centre) and a director d
-   by ω × d.
+   columns of R (unknowns, 6).  A rotation ω moves a position by ω × (q - centre), a director d by
+   ω × d, and a force λ of a joint, a multiplier, by ω × λ.
 3. The free motions R c satisfy K R c = 0 to round-off.  With the round-off D of the rows of K they
    are
 
@@ -36,6 +36,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.terms.point_constraints import multipliers_in_space
 from gossamer_fx.solve.system.system import System
 
 Labels = npt.NDArray[np.int64]
@@ -233,7 +234,7 @@ def _motions(
     names = _names(system, nodes, count)
     centre = _centres(comm, nodes, count)
     radius = _radii(comm, nodes, centre)
-    R = _rigid_motions(system, nodes, centre, radius)
+    R = _rigid_motions(system, nodes, part, centre, radius)
     # Fixed unknowns do not move; what is tied to them resists.
     is_free = part >= 0
     R[:, ~is_free] = 0
@@ -255,11 +256,13 @@ def _motions(
             volume_change = comm.allreduce(float(gradient @ R[i]))
             force += stiffness * volume_change * gradient
         Y[i] = np.where(is_free, force / D, 0.0)
+    is_coordinate = np.arange(len(part)) < _end_of_coordinates(system)
     for c in range(min(count, MAX_PARTS)):
         in_part = part == c
         size = comm.allreduce(int(in_part.sum()))
         forces = _triangle(comm, Y[:, in_part].T)
-        moved = _triangle(comm, R[:, in_part].T)
+        # Forces of joints are no motion.
+        moved = _triangle(comm, R[:, in_part & is_coordinate].T)
         motions = _null_space(forces, moved, size)
         # Rotations were scaled by the radius.
         motions[3:] /= radius[c]
@@ -316,12 +319,17 @@ def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array
     return np.where(radius > 0, radius, 1.0)
 
 
-def _rigid_motions(system: System, nodes: Sequence[_Nodes], centre: Array, radius: Array) -> Array:
+def _rigid_motions(
+    system: System, nodes: Sequence[_Nodes], part: Labels, centre: Array, radius: Array
+) -> Array:
     """Six rigid motions Rᵀ (6, n) of each part at this rank's unknowns: three translations by one,
     and three rotations about the centres (parts, 3) [m], which move the farthest node, at `radius`
-    (parts,) [m], by one.  They are in [1/m] for directors, and zero for multipliers and fixed
-    nodes."""
+    (parts,) [m], by one.  They are in [1/m] for directors, [N/m] for forces of joints, and zero for
+    other multipliers and fixed nodes."""
     R = np.zeros((6, system.numbering.size_local))
+    multipliers = multipliers_in_space(system)
+    joint_forces = system.q0.array_r[multipliers]
+    scale_of_forces = radius[np.maximum(part[multipliers], 0)]
     for i, axis in enumerate(np.eye(3)):
         for one in nodes:
             # A translation moves positions and does not turn directors.
@@ -334,6 +342,7 @@ def _rigid_motions(system: System, nodes: Sequence[_Nodes], centre: Array, radiu
             unknowns = one.unknowns[one.is_free]
             R[i, unknowns] = translation[one.is_free]
             R[3 + i, unknowns] = rotation[one.is_free]
+        R[3 + i, multipliers] = np.cross(axis, joint_forces) / scale_of_forces
     return R
 
 
@@ -351,10 +360,14 @@ def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
         D[system.constraints.owned] += CONSTRAINT_ROUND_OFF
     # Multipliers follow the coordinates of the bodies, and have no unbalanced force.  The factor of
     # two is a margin.
-    end_of_coordinates = system.block(system.bodies[-1]).owned.stop
-    D[:end_of_coordinates] += 2 * unbalanced
+    D[: _end_of_coordinates(system)] += 2 * unbalanced
     # Rows of zeros give zeros, whatever they are divided by.
     return np.where(D > 0, D, 1.0)
+
+
+def _end_of_coordinates(system: System) -> int:
+    """The number of coordinates in this rank's part of a vector, which multipliers follow."""
+    return int(system.block(system.bodies[-1]).owned.stop)
 
 
 def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:

@@ -37,6 +37,7 @@ from gossamer_fx.core.algebra.point_measures import (
     nodes_of,
     refuse_ports_outside,
 )
+from gossamer_fx.core.algebra.rotations import cross_matrices
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array, Attached, Block
 from gossamer_fx.core.model.state import State
@@ -648,3 +649,33 @@ def multipliers_of(constraint: PointConstraint, system: Assembly) -> Array:
     k = next(i for i, term in enumerate(terms) if term is constraint)
     owned = system.numbering.owned(len(system.bodies) + k)
     return system.q0.array_r[owned].reshape(-1, constraint.measure.H.shape[0])
+
+
+def multipliers_in_space(system: Assembly) -> npt.NDArray[np.int64]:
+    """Positions (k, 3) in this rank's part of a vector of those multipliers that are the three
+    components of a force or moment in space, which turns with the bodies: x_a - x_b = 0 has such
+    ones, a product of two directors has not."""
+    terms = [term for term in system.terms if isinstance(term, PointConstraint)]
+    found = [np.zeros((0, 3), dtype=np.int64)]
+    for k, term in enumerate(terms):
+        owned = system.numbering.owned(len(system.bodies) + k)
+        multipliers = np.arange(owned.start, owned.stop).reshape(-1, len(term.measure.L))
+        for first in range(0, len(term.measure.L) - 2, 3):
+            if _is_vector(term.measure, slice(first, first + 3)):
+                found.append(multipliers[:, first : first + 3])
+    return np.concatenate(found)
+
+
+def _is_vector(measure: PointMeasure, rows: slice) -> bool:
+    """Whether three measures are the components of a vector that turns with the stacked vectors X:
+    e(X + δX) = e + ω × e for δX = ω × X of every angular velocity ω."""
+    H = measure.H[rows]
+    L = measure.L[rows]
+    for turn in cross_matrices(np.eye(3)):
+        turn_all = np.kron(np.eye(L.shape[1] // 3), turn)
+        change_of_L = L @ turn_all
+        change_of_H = turn_all.T @ H + H @ turn_all
+        turned_H = np.einsum("ij,jab->iab", turn, H)
+        if not (np.allclose(change_of_L, turn @ L) and np.allclose(change_of_H, turned_H)):
+            return False
+    return True

@@ -19,6 +19,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
+import math
 import os
 import tokenize
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -397,7 +398,15 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
 
 def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:
     """The value of a probe in the state of a run; `name` is for error messages.  Collective."""
-    return float(ask_numbers(run.comm, f"{name} at {run.axis.words(run.time)}", lambda: probe(run)))
+
+    def value() -> float:
+        found = probe(run)
+        # As the gap of a contact in which nothing is near, or the radius of a flat film.
+        infinite = isinstance(found, float) and math.isinf(found)
+        check(not infinite, f"it returns {found}; record its inverse, lambda run: 1 / probe(run).")
+        return found
+
+    return float(ask_numbers(run.comm, f"{name} at {run.axis.words(run.time)}", value))
 
 
 def replace_file(path: Path, text: str) -> None:
