@@ -436,6 +436,15 @@ class Schedule:
     every: int = 1
     times: tuple[float, ...] = ()
 
+    @classmethod
+    def of(cls, owner: str, every: int | None, times: Sequence[float], default: int = 1) -> Schedule:
+        """The schedule that the arguments of an output ask for; both of them are refused."""
+        check(
+            every is None or not len(times),
+            f"{owner}: every is {every}, but there are times, too; give one of them.",
+        )
+        return cls(every or default, tuple(times))
+
     def due(self, step: int, time: float, last: bool) -> bool:
         """Whether a record is due at the end of a step, at a time [s]; step 0 is the start."""
         if step == 0 or last:
