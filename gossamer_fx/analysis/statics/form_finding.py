@@ -31,7 +31,7 @@ from mpi4py import MPI
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
+from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, not_negative, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.forms.backend import cell_nodes, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
@@ -146,6 +146,7 @@ class EdgeCable:
 
 
 @check_arguments
+@collective
 def find_form(
     body: Membrane, scene: Callable[[], Scene], *, change: Annotated[float, not_negative()] = 1e-4, updates: Annotated[int, Range(1)] = 200
 ) -> EquilibriumResult:

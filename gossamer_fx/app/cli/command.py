@@ -86,6 +86,18 @@ def main(words: Sequence[str]) -> int:
             from gossamer_fx.app.cli.launch import OWN_COMMAND, launch
 
             return launch(wanted.ranks, [*OWN_COMMAND, *words])
+    if wanted.name == "run":
+        # Imported here, as other commands do not need it.
+        from gossamer_fx.core.checks.ending import Listener
+
+        # From now on: to load the libraries takes seconds, to make and compile a scene minutes.
+        with Listener((signal.SIGTERM, signal.SIGUSR1)):
+            return _on_this_rank(wanted)
+    return _on_this_rank(wanted)
+
+
+def _on_this_rank(wanted: argparse.Namespace) -> int:
+    """Run a command in this process; returns its exit code, see `main`."""
     try:
         from mpi4py import MPI
     except ImportError as error:
