@@ -24,7 +24,7 @@ LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
 
 
 def interrupt(phase: str) -> None:
-    """Send the signal to this process or, once, to the launcher of the ranks, if it is the phase."""
+    """Send the signal to this process, or once to the launcher of the ranks, if it is the phase."""
     # Not a variable of this module, with another value of which the scene would be another one.
     if phase != os.environ["PHASE"]:
         return

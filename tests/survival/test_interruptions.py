@@ -50,9 +50,7 @@ def test_before_the_run(tmp_path: Path, phase: str, ranks: int, words: str) -> N
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize(
-    ("number", "ranks"), [("SIGTERM", 1), ("SIGUSR1", 1), ("SIGTERM", 2)]
-)
+@pytest.mark.parametrize(("number", "ranks"), [("SIGTERM", 1), ("SIGUSR1", 1), ("SIGTERM", 2)])
 def test_a_signal_before_the_first_step_leaves_a_checkpoint(
     tmp_path: Path, number: str, ranks: int
 ) -> None:

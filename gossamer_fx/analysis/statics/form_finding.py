@@ -31,7 +31,13 @@ from mpi4py import MPI
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, not_negative, positive
+from gossamer_fx.core.checks.arguments import (
+    Range,
+    check_arguments,
+    collective,
+    not_negative,
+    positive,
+)
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.forms.backend import cell_nodes, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
@@ -148,7 +154,11 @@ class EdgeCable:
 @check_arguments
 @collective
 def find_form(
-    body: Membrane, scene: Callable[[], Scene], *, change: Annotated[float, not_negative()] = 1e-4, updates: Annotated[int, Range(1)] = 200
+    body: Membrane,
+    scene: Callable[[], Scene],
+    *,
+    change: Annotated[float, not_negative()] = 1e-4,
+    updates: Annotated[int, Range(1)] = 200,
 ) -> EquilibriumResult:
     """Move the mesh of a film of order 1 to the shape of its prescribed stress.
 

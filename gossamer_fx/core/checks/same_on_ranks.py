@@ -94,7 +94,7 @@ def _entries(label: str, value: Any, known: list[Any]) -> Iterator[Entry]:
     elif isinstance(value, np.ndarray):
         # Whole numbers may be those of nodes or cells of the rank.
         if value.dtype.kind == "f" and value.size <= _MAX_ARRAY:
-            yield label, tuple(value.ravel().astype(float).tolist())
+            yield label, tuple(float(one) for one in value.flat)
     elif isinstance(value, list | tuple):
         if value and all(isinstance(one, Real) for one in value):
             yield label, tuple(float(one) for one in value)

@@ -99,8 +99,8 @@ def extract(model: Any) -> RawMesh:
     Cells are the elements of the highest dimension; if named groups of this dimension exist, only
     the elements in these groups.  Only nodes of cells become points, numbered in rising order of
     their tags.  A model without elements or with several kinds, cells that coincide, nodes that are
-    missing or not finite, cells of no size, and cells so far from the origin that their strains would have a
-    round-off above 1e-6 raise `BadMesh`.
+    missing or not finite, cells of no size, and cells so far from the origin that their strains
+    would have a round-off above 1e-6 raise `BadMesh`.
     """
     tags, coordinates, _ = model.mesh.getNodes()
     tags = np.asarray(tags, dtype=np.int64)

@@ -178,8 +178,8 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
 
     Raises:
         InputError: the file does not exist, is damaged, is in another format, or contains a mesh
-            that cannot be used, such as one of quadrilaterals or with a triangle of no area; or `orient` finds a surface with one
-            side.
+            that cannot be used, such as one of quadrilaterals or with a triangle of no area; or
+            `orient` finds a surface with one side.
 
     Example:
         >>> def load(path):
@@ -231,8 +231,8 @@ def gmsh_mesh(
 
     Raises:
         InputError: the model has no elements, elements of several kinds or of no size, or
-            coordinates that are not finite, `build` raises an error or takes too long, or `orient` finds a surface with one
-            side.
+            coordinates that are not finite, `build` raises an error or takes too long, or `orient`
+            finds a surface with one side.
 
     Example:
         >>> import gossamer_fx as gx
