@@ -43,8 +43,9 @@ def refuse_differences(comm: MPI.Intracomm, what: str, arguments: Mapping[str, A
     if comm.size == 1:
         return
     mine: list[Entry] = []
+    known: set[int] = set()
     for name, value in arguments.items():
-        mine += _entries(name, value, [])
+        mine += _entries(name, value, known)
     number = int.from_bytes(blake2b(repr(mine).encode(), digest_size=7).digest())
     extremes = np.array([number, -number])
     comm.Allreduce(MPI.IN_PLACE, extremes, op=MPI.MAX)
@@ -84,9 +85,9 @@ def is_of_package(value: Any) -> bool:
     return own and not isinstance(value, type | FunctionType | MethodType)
 
 
-def _entries(label: str, value: Any, known: list[Any]) -> Iterator[Entry]:
+def _entries(label: str, value: Any, known: set[int]) -> Iterator[Entry]:
     """Numbers and words of a value with their labels; nothing of what is not compared.  Objects
-    that are `known` are named only."""
+    that are `known` by their numbers in memory are named only."""
     if value is None or isinstance(value, bool | np.bool_ | str):
         yield label, repr(value)
     elif isinstance(value, Real):
@@ -112,7 +113,7 @@ def _entries(label: str, value: Any, known: list[Any]) -> Iterator[Entry]:
         yield from _of_object(label, value, known)
 
 
-def _of_object(label: str, value: Any, known: list[Any]) -> Iterator[Entry]:
+def _of_object(label: str, value: Any, known: set[int]) -> Iterator[Entry]:
     """Entries of an object of this package: its class, and the arguments that the user gave."""
     title = type(value).__name__
     name = getattr(value, "name", None)
@@ -123,9 +124,9 @@ def _of_object(label: str, value: Any, known: list[Any]) -> Iterator[Entry]:
     yield label, title
     # Other objects than those whose arguments were checked are not made by users.
     is_public = hasattr(type(value).__init__, "__wrapped__")
-    if not is_public or any(value is one for one in known):
+    if not is_public or id(value) in known:
         return
-    known.append(value)
+    known.add(id(value))
     for argument, one in given_arguments(value).items():
         # Of a mesh each rank has its part.
         if argument == "mesh":
