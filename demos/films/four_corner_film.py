@@ -58,7 +58,7 @@ def main(
         cables = [gx.analysis.EdgeCable(film, edge, force=force) for edge in EDGES]
         return gx.Scene(film, *supports, *cables)
 
-    found = gx.analysis.find_form(film, scene, change=2e-4)
+    found = gx.analysis.find_form(film, scene)
     nodes = film.nodes("bottom")
     owned_nodes = nodes[nodes < film.space.dofmap.index_map.size_local]
     cable = np.concatenate(comm.allgather(points[owned_nodes]))

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.core.mesh.quality import corner_points
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sphere import sphere
 from tests.small_scenes import LINEAR, at_rest
 
 
@@ -33,6 +35,27 @@ def test_a_port_is_on_the_mesh_to_a_millionth_of_its_size(comm, size) -> None:
     np.testing.assert_allclose(x, (0.3 * size, 0.6 * size, 0), atol=1e-12 * size)
     with pytest.raises(gx.InputError, match="away from 'film'"):
         film.port_at((0.3 * size, 0.6 * size, 1e-5 * size))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_port_is_on_the_nearest_cell(comm, order) -> None:
+    """Of points in cells, on edges and at nodes; also after the mesh was moved."""
+    mesh = sphere(comm, 1.0, 8, order=order)
+    film = gx.Membrane(mesh, LINEAR, order=order)
+    rng = np.random.default_rng(1)
+    for shift in (0.0, 5.0):
+        mesh.domain.geometry.x[:] += shift
+        corners = comm.bcast(corner_points(mesh.domain))
+        for cell in rng.integers(len(corners), size=5):
+            for weights in ((1.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.2, 0.3, 0.5)):
+                x = np.asarray(weights) @ corners[cell]
+                # Within a curved cell the chord is not on the mesh, but its corner is.
+                if order == 2 and weights[0] < 1:
+                    continue
+                port = film.port_at(x)
+                np.testing.assert_allclose(port.initial() + shift, x, atol=1e-9)
+                assert len(port.nodes) == np.count_nonzero(weights)
 
 
 @pytest.mark.mpi(1)

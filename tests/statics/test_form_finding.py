@@ -13,11 +13,11 @@ from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 TENSION = Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=10.0)
 
 
-def soap_film(comm, height):
-    """A quarter of a cylinder of radius 1 m between two rings."""
+def soap_film(comm, height, metres=1.0):
+    """A quarter of a cylinder between two rings; lengths in units of so many metres."""
     mesh = sheet(comm, 12, 12, np.pi / 2, height)
     X = mesh.domain.geometry.x
-    X[:] = np.column_stack([np.cos(X[:, 0]), np.sin(X[:, 0]), X[:, 1]])
+    X[:] = metres * np.column_stack([np.cos(X[:, 0]), np.sin(X[:, 0]), X[:, 1]])
     film = gx.Membrane(mesh, TENSION)
     rings = ("top", "bottom")
 
@@ -37,7 +37,7 @@ def soap_film(comm, height):
 def test_soap_film_between_two_rings_is_a_catenoid(comm):
     """r = c cosh((z - h/2)/c) with c cosh(h/(2c)) = 1: c = 0.848338 m for h = 1 m."""
     film, scene = soap_film(comm, 1.0)
-    find_form(film, scene, change=1e-4, updates=10)
+    find_form(film, scene, updates=10)
     x, y, z = film.space.mesh.geometry.x.T
     # Waist of the catenoid [m], the root of c cosh(h/2c) = 1.
     c = 0.848338
@@ -45,11 +45,22 @@ def test_soap_film_between_two_rings_is_a_catenoid(comm):
     assert np.hypot(x, y) == pytest.approx(c * np.cosh((z - 0.5) / c), abs=5e-3)
 
 
+@pytest.mark.parametrize("metres", [1e-6, 1.0, 1e3])
+def test_the_size_of_a_form_does_not_count(comm, metres):
+    """One of a micrometre ended at its first guess, a cylinder; one of a metre not at all."""
+    film, scene = soap_film(comm, 1.0, metres)
+    find_form(film, scene)
+    x, y, z = film.space.mesh.geometry.x.T / metres
+    c = 0.848338
+    # 5 mm of 1 m: chords of the mesh between the rings.
+    assert np.hypot(x, y) == pytest.approx(c * np.cosh((z - 0.5) / c), abs=5e-3)
+
+
 def test_rings_too_far_apart_hold_no_film(comm):
     """Beyond h = 1.3255 m no catenoid exists."""
     film, scene = soap_film(comm, 1.6)
     with pytest.raises(gx.NoEquilibrium, match="pinch"):
-        find_form(film, scene, change=1e-4, updates=10)
+        find_form(film, scene, updates=10)
 
 
 def test_only_a_film_of_given_tension_has_a_form_to_find(comm):
@@ -70,7 +81,7 @@ def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
             film, *corners, *(gx.analysis.EdgeCable(film, edge, force=force) for edge in EDGES)
         )
 
-    find_form(film, scene, change=1e-4)
+    find_form(film, scene)
     R = force / TENSION.tension
     # Centre of an arc of radius R through both corners.
     centre = np.array([0.5, -((R**2 - 0.25) ** 0.5)])

@@ -1,5 +1,5 @@
-"""A scene file that sends itself SIGINT in the phase that the variable PHASE names: setup,
-compilation, statics, step, writing, closing."""
+"""A scene file that sends itself the signal that the variable SIGNAL names, in the phase of PHASE:
+setup, compilation, statics, scene, step, writing, closing."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
 
 
 def interrupt(phase: str) -> None:
-    """Send SIGINT to this process or, once, to the launcher of the ranks, if it is the phase."""
+    """Send the signal to this process, or once to the launcher of the ranks, if it is the phase."""
     # Not a variable of this module, with another value of which the scene would be another one.
     if phase != os.environ["PHASE"]:
         return
     if TALK.size == 1:
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.Signals[os.environ["SIGNAL"]])
     elif not ARRIVED:
         ARRIVED.append(TALK.Ibarrier())
         if TALK.rank == 0:
@@ -39,13 +39,14 @@ def interrupt(phase: str) -> None:
                 time.sleep(0.01)
             # The parent of mpirun, which is the parent of a rank.
             status = Path(f"/proc/{os.getppid()}/stat").read_text()
-            os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGINT)
+            launcher = int(status.rpartition(")")[2].split()[1])
+            os.kill(launcher, signal.Signals[os.environ["SIGNAL"]])
             # The signal goes by the launcher and mpirun.
             time.sleep(1.0)
 
 
 def interrupt_compilation() -> None:
-    """Send SIGINT as soon as a kernel is being compiled."""
+    """Send the signal as soon as a kernel is being compiled."""
     cache = Path(kernel_options()["cache_dir"])
     while not any(not path.with_suffix(".c.cached").exists() for path in cache.glob("*.c")):
         time.sleep(0.01)
@@ -92,6 +93,7 @@ def build(comm: MPI.Intracomm) -> gx.Case:
         return gx.Membrane(sheet(comm, 2, 2), LAW, displacement=still)
 
     gx.Equilibrium(held(film(), pulled)).find()
+    interrupt("scene")
     return gx.Case(
         held(film(), pulled),
         gx.Midpoint(dt=1e-3),

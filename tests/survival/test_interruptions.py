@@ -17,10 +17,10 @@ SCENE = "tests/survival/interrupted_scene.py"
 
 
 def command(
-    folder: Path, phase: str, *options: str, cache: Path | None = None
+    folder: Path, phase: str, *options: str, cache: Path | None = None, number: str = "SIGINT"
 ) -> subprocess.CompletedProcess[str]:
     """The command that runs the scene, to its end."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PHASE": phase}
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PHASE": phase, "SIGNAL": number}
     if cache is not None:
         environment["XDG_CACHE_HOME"] = str(cache)
     words = ["run", SCENE, "--out", str(folder), *options]
@@ -50,6 +50,21 @@ def test_before_the_run(tmp_path: Path, phase: str, ranks: int, words: str) -> N
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(("number", "ranks"), [("SIGTERM", 1), ("SIGUSR1", 1), ("SIGTERM", 2)])
+def test_a_signal_before_the_first_step_leaves_a_checkpoint(
+    tmp_path: Path, number: str, ranks: int
+) -> None:
+    """A job that is ended while its scene is made goes on as others do."""
+    folder = tmp_path / "run"
+    said = command(folder, "scene", "--ranks", str(ranks), "--quiet", number=number)
+    assert said.returncode == 128 + signal.Signals[number], said.stderr
+    assert "at t = 0 s, after step 0; restart from" in said.stderr and "--restart" in said.stderr
+    assert "Traceback" not in said.stderr
+    assert [path.name for path in (folder / "checkpoints").iterdir()] == ["step-00000000"]
+    assert command(folder, "none", "--restart").returncode == 0
+    assert len((folder / "ledger.csv").read_text().splitlines()) == 8
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize(("phase", "step"), [("step", 3), ("writing", 4), ("closing", 6)])
 def test_in_the_run(tmp_path: Path, phase: str, step: int, ranks: int) -> None:
@@ -64,6 +79,15 @@ def test_in_the_run(tmp_path: Path, phase: str, step: int, ranks: int) -> None:
     assert command(folder, "none", "--restart").returncode == 0
     again = (folder / "ledger.csv").read_text().splitlines()[1:]
     assert again[: step + 1] == recorded and len(again) == 7
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_signal_before_a_search_ends_it(tmp_path: Path, ranks: int) -> None:
+    """There is no scene of which a checkpoint could be written."""
+    said = command(tmp_path / "run", "setup", "--ranks", str(ranks), number="SIGTERM")
+    assert said.returncode == 128 + signal.SIGTERM, said.stderr
+    assert said.stderr.count("\n") == 1 and "was stopped by SIG" in said.stderr, said.stderr
+    assert not (tmp_path / "run").exists()
 
 
 def test_while_a_kernel_is_compiled(tmp_path: Path) -> None:

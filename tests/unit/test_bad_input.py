@@ -425,6 +425,21 @@ def build(comm):
 """
 
 
+def test_a_dry_run_reads_the_checkpoint(tmp_path: Path, monkeypatch, capsys) -> None:
+    """Without one, and with another scene, it said that all was well."""
+    monkeypatch.chdir(tmp_path)
+    Path("scene.py").write_text(GOOD)
+    words = ["run", "scene.py", "--restart", "--dry-run"]
+    assert main(words) == 2
+    assert "There is no checkpoint in 'out/scene/checkpoints'" in capsys.readouterr().err
+    assert main(["run", "scene.py", "--quiet"]) == 0
+    assert main(words) == 0
+    assert "about 0 steps" in capsys.readouterr().out
+    Path("scene.py").write_text(GOOD.replace("density=1400.0", "density=1000.0"))
+    assert main(words) == 2
+    assert "density" in capsys.readouterr().err
+
+
 def test_a_dry_run_shows_the_side_of_the_normals(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     Path("sphere.py").write_text(SPHERE)

@@ -157,7 +157,7 @@ def test_orientation_of_the_cells_survives(comm):
 
 @pytest.mark.mpi(1)
 @pytest.mark.parametrize(
-    "cells, culprit", [([[0, 1, 1]], "one node twice"), ([[0, 1, 2]] * 2, "same nodes")]
+    "cells, culprit", [([[0, 1, 1]], "has the node 2 twice"), ([[0, 1, 2]] * 2, "same nodes")]
 )
 def test_cells_that_cannot_be_are_told(comm, cells, culprit):
     points = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0)])

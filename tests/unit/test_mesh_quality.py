@@ -76,10 +76,62 @@ def test_curved_triangles_are_not_suspected():
 
 
 def test_a_triangle_of_no_size_is_refused():
+    """When the mesh is made, and also in a scene, if its nodes were moved."""
     points, cells = rows_of_squares(3)
-    points[5] = points[6]
+    mesh = triangles(points, cells)
+    nodes = mesh.domain.geometry.x
+    is_moved = np.isclose(nodes, points[5]).all(axis=1)
+    nodes[is_moved] = points[6]
     with pytest.raises(gx.InputError, match=r"'film' has 2 triangles of no size.*duplicate nodes"):
-        gx.Scene(gx.Membrane(triangles(points, cells), WRINKLING)).compile()
+        gx.Scene(gx.Membrane(mesh, WRINKLING)).compile()
+    points[5] = points[6]
+    words = r"has 2 triangles of no size.*one at \(0, 0.333333, 0\) m.*removeDuplicateNodes"
+    with pytest.raises(gx.InputError, match=words):
+        triangles(points, cells)
+
+
+MESH_FILE = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+1 2 "rim"
+2 1 "sail"
+$EndPhysicalNames
+$Nodes
+4
+1 0 0 0
+2 1 0 0
+3 {third}
+4 0 1 0
+$EndNodes
+$Elements
+3
+1 2 2 1 1 1 2 4
+2 2 2 1 1 {cell}
+3 1 2 2 2 1 2
+$EndElements
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("third", "cell", "words"),
+    [
+        ("2 0 0", "1 2 3", r"1 triangle of no size.*one of the group 'sail' at \(0, 0, 0\) m"),
+        ("0 0 0", "1 3 4", r"1 triangle of no size.*one of the group 'sail' at \(0, 0, 0\) m"),
+        ("1 1 0", "2 2 3", "has the node 2 twice"),
+        ("nan 1 0", "2 3 4", r"[Tt]he (node 3 of the mesh is at \[nan, 1.0, 0.0\] m|file)"),
+    ],
+)
+def test_cells_of_a_file_that_cannot_be_are_named(folder, comm, third, cell, words):
+    """A triangle without area was read in silence."""
+    path = folder / "sail.msh"
+    if comm.rank == 0:
+        path.write_text(MESH_FILE.format(third=third, cell=cell))
+    comm.barrier()
+    with pytest.raises(gx.InputError, match=words):
+        gx.read_mesh(path, comm)
 
 
 def test_a_curved_triangle_that_turns_inside_is_refused():

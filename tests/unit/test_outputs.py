@@ -25,7 +25,7 @@ from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.outputs.vtu_format import read_vtu
 from gossamer_fx.records.plot.rasterise import Canvas
 from tests.hanging import HANG_TIMEOUT
-from tests.small_scenes import run_until
+from tests.small_scenes import LINEAR, run_until
 
 COMM = MPI.COMM_WORLD
 E = 1e9
@@ -540,3 +540,20 @@ def test_the_log_is_written_by_one_rank_and_kept_from_a_quiet_terminal(
     assert run.step == 4
     assert "half-way" not in capsys.readouterr().err
     COMM.barrier()
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        lambda options: gx.Recording("run", **options),
+        lambda options: gx.outputs.VTU("a.pvd", **options),
+        lambda options: gx.outputs.Probes("a.csv", {"one": lambda run: 1.0}, **options),
+        lambda options: gx.reduction.Snapshots(gx.Membrane(sheet(COMM, 1, 1), LINEAR), **options),
+    ],
+)
+def test_steps_and_times_of_records_are_not_asked_for_together(output):
+    """The steps were ignored in silence."""
+    with pytest.raises(gx.InputError, match="every is 2, but there are times, too; give one"):
+        output({"every": 2, "times": [1e-3]})
+    assert output({"times": [1e-3]}).schedule.times == (1e-3,)
+    assert output({"every": 2}).schedule.every == 2

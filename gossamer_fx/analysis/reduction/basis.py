@@ -70,8 +70,8 @@ class Snapshots:
 
     Args:
         body: the film.
-        every: number of steps between two shapes.
-        times: times [s] of the shapes, in place of `every`.
+        every: number of steps between two shapes, 1 by default.
+        times: times [s] of the shapes instead; not together with `every`.
 
     Attributes:
         positions: list of arrays (n, 3) [m], one for each shape.
@@ -87,9 +87,9 @@ class Snapshots:
         3
     """
 
-    def __init__(self, body: Membrane, every: Every = 1, *, times: Times = ()) -> None:
+    def __init__(self, body: Membrane, every: Every | None = None, *, times: Times = ()) -> None:
         self.body = body
-        self.schedule = Schedule(every, tuple(times))
+        self.schedule = Schedule.of("Snapshots", every, times)
         self.positions: list[Array] = []
 
     @property

@@ -24,7 +24,7 @@ from gossamer_fx.analysis.reduction.reduced_energies import (
     coefficients,
 )
 from gossamer_fx.analysis.reduction.sampling import Sample, every_cell, sample_cells
-from gossamer_fx.core.checks.arguments import Range, check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, collective
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms import backend
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -192,15 +192,18 @@ class ReducedMembrane(Membrane):
         return "its modes"
 
     @check_arguments
+    @collective
     def port(self, group: str) -> Port:
         node = global_node(self.full, group)
         return self._combined((node,), (1.0,))
 
     @check_arguments
+    @collective
     def ports(self, group: str) -> list[Port]:
         return [self._combined((node,), (1.0,)) for node in global_nodes(self.full, group)]
 
     @check_arguments
+    @collective
     def port_at(self, point: Vector, *, snap: bool = False) -> Port:
         on_film = self.full.port_at(point, snap=snap)
         return self._combined(on_film.nodes, on_film.weights)

@@ -14,7 +14,7 @@ from gossamer_fx.analysis.statics.result import (
     warn_of_lost_loads,
     warn_of_quality,
 )
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, collective
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
@@ -68,6 +68,7 @@ class Equilibrium:
         True
     """
 
+    @collective
     def __init__(
         self, scene: Scene, search: Continuation = DEFAULT_SEARCH, *, gas: GasProcess = "adiabatic"
     ) -> None:
@@ -95,6 +96,7 @@ class Equilibrium:
         self.compile_seconds = time.perf_counter() - started
 
     @check_arguments
+    @collective
     def find(self, at: float = 0.0, *, progress: bool = True) -> EquilibriumResult:
         """Find the equilibrium under the loads and prescribed positions of a time, from the present
         state.

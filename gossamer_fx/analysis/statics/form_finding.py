@@ -12,7 +12,7 @@ Algorithm.
 
 1. Find the equilibrium with the present mesh as reference shape (one linear solve).
 2. Move the mesh to the equilibrium.
-3. Repeat until no node moves by more than `change`.
+3. Repeat until no node moves by more than `change` times the extent of the mesh.
 
 Limits.  A film that pinches off, such as a catenoid between rings that are too far apart, has no
 minimal surface of the assumed topology; its mesh degenerates and the iteration does not end.
@@ -31,10 +31,17 @@ from mpi4py import MPI
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.arguments import (
+    Range,
+    check_arguments,
+    collective,
+    not_negative,
+    positive,
+)
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.forms.backend import cell_nodes, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.mesh.quality import extent
 from gossamer_fx.core.model.body import Array, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
@@ -145,8 +152,13 @@ class EdgeCable:
 
 
 @check_arguments
+@collective
 def find_form(
-    body: Membrane, scene: Callable[[], Scene], *, change: float = 1e-6, updates: int = 200
+    body: Membrane,
+    scene: Callable[[], Scene],
+    *,
+    change: Annotated[float, not_negative()] = 1e-4,
+    updates: Annotated[int, Range(1)] = 200,
 ) -> EquilibriumResult:
     """Move the mesh of a film of order 1 to the shape of its prescribed stress.
 
@@ -156,7 +168,9 @@ def find_form(
     Args:
         body: its law is a `Prestress`; its mesh is the first guess and is overwritten.
         scene: returns a new scene with the film: supports read their positions from the mesh.
-        change: largest movement of a node in an update [m] at which the shape counts as found.
+        change: largest movement of a node in an update, over the extent of the mesh (the diagonal
+            of its box), at which the shape counts as found.  It falls no further than to 1e-6 to
+            5e-5, where nodes slide along the film without changing its shape.
         updates: number of updates of the reference shape after which the search is given up.
 
     Returns:
@@ -186,14 +200,13 @@ def find_form(
         body.order == 1,
         f"find_form: '{body.name}' is of order {body.order}; give a film of order 1.",
     )
-    check(change >= 0, f"find_form: change is {change!r} m; give zero or a positive number.")
-    check(updates > 0, f"find_form: updates is {updates}; give one or more.")
+    smallest = change * extent(body.space.mesh)
     movement = math.inf
     for _ in range(updates):
         search = Equilibrium(scene())
         found = search.find()
         movement = _move_mesh(body, search)
-        if movement <= change:
+        if movement <= smallest:
             return found
     raise NoEquilibrium(
         f"After {updates} updates '{body.name}' still moves by {movement:.1e} m; it may pinch off."

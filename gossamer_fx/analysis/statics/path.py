@@ -58,7 +58,7 @@ from gossamer_fx.analysis.sensitivity.variables import (
 from gossamer_fx.analysis.statics.continuation import FINAL_REDUCTION, FINAL_TOLERANCE
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import Spectrum, is_symmetric
-from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.records.outputs.output import Output
@@ -162,6 +162,7 @@ class EquilibriumPath:
 
 
 @check_arguments
+@collective
 def path(
     equilibrium: Equilibrium,
     until: float,

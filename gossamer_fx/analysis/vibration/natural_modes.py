@@ -62,7 +62,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.rigid_motions import listed
-from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
+from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, not_negative
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.loads.body_forces import Centrifugal
@@ -234,6 +234,7 @@ class Mode:
 
 
 @check_arguments
+@collective
 def modes(
     equilibrium: Equilibrium,
     count: Annotated[int, Range(1)],

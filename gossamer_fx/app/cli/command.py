@@ -86,6 +86,18 @@ def main(words: Sequence[str]) -> int:
             from gossamer_fx.app.cli.launch import OWN_COMMAND, launch
 
             return launch(wanted.ranks, [*OWN_COMMAND, *words])
+    if wanted.name == "run":
+        # Imported here, as other commands do not need it.
+        from gossamer_fx.core.checks.ending import Listener
+
+        # From now on: to load the libraries takes seconds, to make and compile a scene minutes.
+        with Listener((signal.SIGTERM, signal.SIGUSR1)):
+            return _on_this_rank(wanted)
+    return _on_this_rank(wanted)
+
+
+def _on_this_rank(wanted: argparse.Namespace) -> int:
+    """Run a command in this process; returns its exit code, see `main`."""
     try:
         from mpi4py import MPI
     except ImportError as error:
@@ -392,16 +404,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         f"'{folder}' holds a run already; give another folder with --output, go on with --restart, "
         "or replace it with --overwrite.",
     )
-    case = _case(wanted, comm)
-    if wanted.dry_run:
-        _show(case, comm)
-        return
-    log_to(comm, wanted.log, quiet=wanted.quiet)
-    outputs: list[Output] = [case.recording(folder, overwrite=wanted.overwrite)]
-    if not wanted.quiet:
-        outputs.append(Progress())
     saves = folder / "checkpoints"
-    checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)
     restart: Path | None = None
     if wanted.restart == "newest":
         restart = saves
@@ -411,9 +414,17 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
             if wanted.restart.isdecimal()
             else Path(wanted.restart)
         )
-    run = case.simulation(
-        outputs, checkpoints, restart, [name for name in wanted.changed.split(",") if name]
-    )
+    changes = [name for name in wanted.changed.split(",") if name]
+    case = _case(wanted, comm)
+    if wanted.dry_run:
+        _show(case, comm, restart, changes)
+        return
+    log_to(comm, wanted.log, quiet=wanted.quiet)
+    outputs: list[Output] = [case.recording(folder, overwrite=wanted.overwrite)]
+    if not wanted.quiet:
+        outputs.append(Progress())
+    checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)
+    run = case.simulation(outputs, checkpoints, restart, changes)
     try:
         run.run(until=case.until)
     except Interrupted:
@@ -426,20 +437,21 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         print(f"written to {folder}; look at it with: ./gossamer report {folder}")
 
 
-def _show(case: Case, comm: MPI.Intracomm) -> None:
-    """Compile a case, and print what it contains and what is strange about it.  Collective.
+def _show(case: Case, comm: MPI.Intracomm, restart: Path | None, changes: list[str]) -> None:
+    """Compile a case, and print what it contains and what is strange about it, at its start or at
+    the checkpoint from which it would go on.  Collective.
 
     Nothing is computed; rank 0 prints.
 
     Raises:
-        InputError: what is wrong with the scene.
+        InputError: what is wrong with the scene or the checkpoint.
     """
     from gossamer_fx.mechanics.bodies.membrane import Membrane
     from gossamer_fx.records.outputs.description import describe, lines
     from gossamer_fx.records.probes.contact import Crossings
     from gossamer_fx.solve.scene.validation import warnings
 
-    run = case.simulation()
+    run = case.simulation(restart=restart, changes=changes)
     about = describe(run)
     strange = list(warnings(run.scene.items))
     films = [body for body in run.system.bodies if isinstance(body, Membrane)]
@@ -449,7 +461,7 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
         strange.append(f"{crossings:.0f} edges of films intersect films at the start.")
     sides = list(_sides(films))
     if comm.rank == 0:
-        steps = case.until / case.stepper.dt
+        steps = max(case.until - run.time, 0.0) / case.stepper.dt
         print("\n".join(lines(about)))
         for words in sides:
             print(words)

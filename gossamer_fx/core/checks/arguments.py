@@ -42,6 +42,7 @@ from gossamer_fx.core.checks.errors import (
     are_usual_sizes,
     real_numbers,
 )
+from gossamer_fx.core.checks.same_on_ranks import refuse_differences
 
 # What messages ask for in place of the name of a class.
 _DESCRIPTIONS = {
@@ -77,6 +78,8 @@ MAX_PATH = 4095
 MAX_FILE_NAME = 255
 # First arguments of methods, which no user gives.
 RECEIVERS = frozenset({"self", "cls"})
+# Arguments that may differ between ranks: only rank 0 prints.
+_NOT_COMPARED = RECEIVERS | {"progress"}
 
 
 @dataclass(frozen=True)
@@ -161,6 +164,14 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
     return typing.cast(T, _checking(thing))
 
 
+def collective[T: Callable[..., Any]](function: T) -> T:
+    """Let `check_arguments` refuse arguments that differ between ranks, of a function that all
+    ranks call together; a decorator.  Their communicator is the `comm` of the object whose method
+    it is, or of the first argument that has one."""
+    function.is_collective = True  # type: ignore[attr-defined]
+    return function
+
+
 def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap a function so that a call whose arguments are missing, unknown or not of the types in
     its signature raises `InputError`, with one sentence that names the argument, its value and what
@@ -213,6 +224,10 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
                 raise InputError(
                     f"{name}: {label} is {_shown(one)}{unit}; give {allowed.words}{_size(one)}."
                 )
+        if getattr(function, "is_collective", False):
+            comm = next(value.comm for value in given.values() if hasattr(value, "comm"))
+            values = {key: one for key, one in given.items() if key not in _NOT_COMPARED}
+            refuse_differences(comm, name, values)
         return function(*bound.args, **bound.kwargs)
 
     return call

@@ -6,7 +6,8 @@ others whether they have an error of the same kind.  If all have, the error is r
 them; otherwise the program ends on all ranks.
 
 Signals.  A run notes them (`Listener`), completes its step, closes its files and raises
-`Interrupted`.
+`Interrupted`.  `gossamer run` notes SIGTERM and SIGUSR1 from its beginning on, so that one that
+comes before the first step leaves a checkpoint of the start.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
@@ -153,24 +154,37 @@ class Interrupted(SystemExit):
         self.signal = signal.Signals(number)
 
 
-class Listener:
-    """Context in which `SIGNALS` are noted instead of having their usual effect.
-    A second signal of the same kind has its usual effect, so that a step that never ends can be
-    stopped."""
+# Listeners whose contexts are entered, the innermost last.
+_LISTENING: list[Listener] = []
 
-    def __init__(self) -> None:
+
+class Listener:
+    """Context in which signals, by default `SIGNALS`, are noted instead of having their usual
+    effect, also for a context within it.  A second signal of the same kind has its usual effect, so
+    that a step that never ends can be stopped."""
+
+    def __init__(self, signals: Sequence[signal.Signals] = SIGNALS) -> None:
+        self._signals = signals
         self._noted = 0
         self._usual: dict[int, Any] = {}  # handlers outside the context
 
     def __enter__(self) -> Listener:
         # Python lets only the main thread set handlers; a run in another thread is not interrupted.
         if threading.current_thread() is threading.main_thread():
-            self._usual = {number: signal.signal(number, self._note) for number in SIGNALS}
+            if _LISTENING:
+                self._noted = _LISTENING[-1]._noted
+            _LISTENING.append(self)
+            for number in self._signals:
+                # A second one has its usual effect.
+                if number != self._noted:
+                    self._usual[number] = signal.signal(number, self._note)
         return self
 
     def __exit__(self, *_: object) -> None:
         for number in self._usual:
             self._restore_handler(number)
+        if self in _LISTENING:
+            _LISTENING.remove(self)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         """Note a signal, and give the next one of its kind its usual effect; called by Python."""

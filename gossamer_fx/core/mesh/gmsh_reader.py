@@ -34,6 +34,7 @@ import numpy.typing as npt
 
 from gossamer_fx.core.checks.ending import end_with_launcher
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.mesh.quality import NO_SIZE, cell_quality
 
 Integers = npt.NDArray[np.int64]
 
@@ -98,8 +99,8 @@ def extract(model: Any) -> RawMesh:
     Cells are the elements of the highest dimension; if named groups of this dimension exist, only
     the elements in these groups.  Only nodes of cells become points, numbered in rising order of
     their tags.  A model without elements or with several kinds, cells that coincide, nodes that are
-    missing or not finite, and cells so far from the origin that their strains would have a
-    round-off above 1e-6 raise `BadMesh`.
+    missing or not finite, cells of no size, and cells so far from the origin that their strains
+    would have a round-off above 1e-6 raise `BadMesh`.
     """
     tags, coordinates, _ = model.mesh.getNodes()
     tags = np.asarray(tags, dtype=np.int64)
@@ -115,9 +116,10 @@ def extract(model: Any) -> RawMesh:
         bool(np.isin(used, tags).all()),
         "Cells of the mesh have nodes that it does not list; write it again.",
     )
+    twice = _repeated_node(cells)
     _check(
-        not _folded(cells),
-        "Cells of the mesh have one node twice; remove them, or write the mesh again.",
+        twice is None,
+        f"A cell of the mesh has the node {twice} twice; remove it, or write the mesh again.",
     )
     _check(
         len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
@@ -131,10 +133,12 @@ def extract(model: Any) -> RawMesh:
     order_of_tags = np.argsort(tags)
     rows = order_of_tags[np.searchsorted(tags, used, sorter=order_of_tags)]
     points = coordinates.reshape(-1, 3)[rows]
+    is_usual = (abs(points) < _FARTHEST).all(axis=1)
+    wrong = int(is_usual.argmin())
     _check(
-        bool((abs(points) < _FARTHEST).all()),
-        f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; "
-        "mesh it again.",
+        bool(is_usual.all()),
+        f"The node {used[wrong]} of the mesh is at {points[wrong].tolist()} m, which are not all "
+        f"numbers below {_FARTHEST:g}; mesh it again.",
     )
     cells = np.searchsorted(used, cells)
     sizes = np.ptp(points[cells], axis=1).max(axis=1)
@@ -145,12 +149,38 @@ def extract(model: Any) -> RawMesh:
         f"Cells of {smallest:.3g} m are up to {farthest:.3g} m from the origin, where coordinates "
         f"are {np.spacing(farthest):.1g} m apart; move the mesh to the origin.",
     )
-    return RawMesh(
-        kind=kind,
-        order=order,
-        points=points,
-        cells=cells,
-        groups=_groups(model, dim, used),
+    groups = _groups(model, dim, used)
+    _check_quality(points[cells[:, : dim + 1]], cells, groups)
+    return RawMesh(kind=kind, order=order, points=points, cells=cells, groups=groups)
+
+
+def _check_quality(
+    corners: npt.NDArray[np.float64], cells: Integers, groups: dict[str, tuple[int, Integers]]
+) -> None:
+    """Refuse a mesh with a cell of no size; the message says where it is, and in which group.
+
+    Args:
+        corners: of the cells (m, 2 or 3, 3) [m].
+        cells: rows of the points (m, nodes).
+        groups: see `RawMesh`.
+    """
+    extent = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+    flat = np.flatnonzero(cell_quality(corners, extent) < NO_SIZE)
+    if not len(flat):
+        return
+    first = cells[flat[0]]
+    names = [
+        f"'{name}'"
+        for name, (dim, nodes) in groups.items()
+        if dim == corners.shape[1] - 1 and (nodes == first).all(axis=1).any()
+    ]
+    kind = "triangle" if corners.shape[1] == 3 else "line element"
+    where = ", ".join(f"{x:.6g}" for x in corners[flat[0], 0])
+    group = f" of the group {names[0]}" if names else ""
+    raise BadMesh(
+        f"The mesh has {len(flat)} {kind}{'s' * (len(flat) > 1)} of no size, the nodes of which "
+        f"are at one point or on a line, one{group} at ({where}) m; mesh it again, or remove "
+        "duplicate nodes (gmsh: model.mesh.removeDuplicateNodes)."
     )
 
 
@@ -230,11 +260,12 @@ def _groups(model: Any, dim: int, used: Integers) -> dict[str, tuple[int, Intege
         nodes = np.vstack(not_empty or [np.zeros((0, d + 1), dtype=np.int64)])
         # Entities that belong to no cell are left out.
         nodes = nodes[np.isin(nodes, used).all(axis=1)]
-        _check(
-            not _folded(nodes),
-            "Elements of the mesh's groups have one node twice; write the mesh again.",
-        )
         name = model.getPhysicalName(d, group) or str(group)
+        twice = _repeated_node(nodes)
+        _check(
+            twice is None,
+            f"An element of the group '{name}' has the node {twice} twice; write the mesh again.",
+        )
         _check(
             name not in groups,
             f"The mesh has two groups '{name}', of points, curves or surfaces; give each its name.",
@@ -253,10 +284,11 @@ def _elements(model: Any, dim: int, entity: int) -> Integers:
     return np.asarray(nodes[0], dtype=np.int64).reshape(-1, width)
 
 
-def _folded(entities: Integers) -> bool:
-    """Whether an entity (a row) has one node twice; dolfinx crashes on such a mesh."""
+def _repeated_node(entities: Integers) -> int | None:
+    """A node that an entity (a row) has twice, on which dolfinx crashes; None without one."""
     nodes = np.sort(entities, axis=1)
-    return bool((nodes[:, 1:] == nodes[:, :-1]).any())
+    repeated = nodes[:, 1:][nodes[:, 1:] == nodes[:, :-1]]
+    return int(repeated[0]) if len(repeated) else None
 
 
 def _check(condition: bool, message: str) -> None:

@@ -178,8 +178,8 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
 
     Raises:
         InputError: the file does not exist, is damaged, is in another format, or contains a mesh
-            that cannot be used, such as one of quadrilaterals; or `orient` finds a surface with one
-            side.
+            that cannot be used, such as one of quadrilaterals or with a triangle of no area; or
+            `orient` finds a surface with one side.
 
     Example:
         >>> def load(path):
@@ -230,9 +230,9 @@ def gmsh_mesh(
         time_limit: [s] after which gmsh is ended, as it may hang on outlines that cross.
 
     Raises:
-        InputError: the model has no elements, elements of several kinds or coordinates that are not
-            finite, `build` raises an error or takes too long, or `orient` finds a surface with one
-            side.
+        InputError: the model has no elements, elements of several kinds or of no size, or
+            coordinates that are not finite, `build` raises an error or takes too long, or `orient`
+            finds a surface with one side.
 
     Example:
         >>> import gossamer_fx as gx

@@ -26,6 +26,9 @@ Integers = npt.NDArray[np.int64]
 # Points that are closer than this fraction of the mesh's extent count as one point.
 ALIKE = 1e-9
 
+# Quality of a cell, see `cell_quality`, below which it has no size.
+NO_SIZE = 1e-9
+
 # A neighbour lies upside down if the cosine between both normals is below this: they enclose more
 # than 154 degrees.
 UPSIDE_DOWN_COSINE = -0.9
@@ -100,6 +103,14 @@ def shape_quality(corners: Array) -> Array:
     # A cell whose nodes coincide has no edges; its area is zero, so any divisor gives zero.
     divisor = np.where(squares > 0, squares, 1.0)
     return 4 * np.sqrt(3) * sizes(corners) / divisor
+
+
+def cell_quality(corners: Array, extent: float) -> Array:
+    """Quality (n,) of triangles (n, 3, 3) [m], see `shape_quality`, or of line elements (n, 2, 3)
+    [m]: their lengths over the extent [m] of the mesh."""
+    if corners.shape[1] == 3:
+        return shape_quality(corners)
+    return sizes(corners) / (extent or 1.0)
 
 
 def aspects(corners: Array) -> Array:

@@ -15,8 +15,8 @@ from dolfinx import fem, geometry
 from dolfinx.mesh import Mesh as DolfinxMesh
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.arguments import check_arguments, collective
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_points
 from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
@@ -156,16 +156,19 @@ class Meshed(ABC):
         return nodes
 
     @check_arguments
+    @collective
     def port(self, group: str) -> Port:
         """The node of a named point of the mesh."""
         return Port(self, (global_node(self, group),))
 
     @check_arguments
+    @collective
     def ports(self, group: str) -> list[Port]:
         """All nodes of a named group of the mesh, e.g. for a `Force` on each.  Collective."""
         return [Port(self, (node,)) for node in global_nodes(self, group)]
 
     @check_arguments
+    @collective
     def port_at(self, point: Vector, *, snap: bool = False) -> Port:
         """The point that is at `point` [m] of the mesh, also between nodes; with `snap` the node
         that is nearest to it.  Collective."""
@@ -261,24 +264,7 @@ def interpolated(body: MeshBody, point: Sequence[float]) -> Port:
     raises `InputError`.  Collective."""
     mesh = body.space.mesh
     x = np.asarray(point, dtype=float)
-    tdim = mesh.topology.dim
-    cells = np.arange(mesh.topology.index_map(tdim).size_local, dtype=np.int32)
-    check_on_all(
-        body.comm,
-        x.shape == (3,),
-        f"A port of '{body.name}' is at {list(point)!r}; give three coordinates.",
-    )
-    # A rank without cells is infinitely far away.
-    distance = np.inf
-    cell = -1
-    if len(cells):
-        tree = geometry.bb_tree(mesh, tdim, entities=cells)
-        middle = geometry.create_midpoint_tree(mesh, tdim, cells)
-        cell = int(geometry.compute_closest_entity(tree, middle, mesh, x)[0])
-        # The annotation of dolfinx is a list, but the function needs an array.
-        cell_array: Any = np.array([cell], dtype=np.int32)
-        squared_distance = geometry.squared_distance(mesh, tdim, cell_array, x)[0]
-        distance = float(np.sqrt(squared_distance))
+    cell, distance = _closest_cell(mesh, x)
     # Of ranks at the same distance, the lowest one: a point between two ranks belongs to one of
     # them.
     nearest, rank = body.comm.allreduce((distance, body.comm.rank), op=MPI.MIN)
@@ -292,6 +278,33 @@ def interpolated(body: MeshBody, point: Sequence[float]) -> Port:
         found = _weights(body, cell, x)
     nodes, weights = body.comm.bcast(found, root=rank)
     return Port(body, nodes, weights=weights)
+
+
+def _closest_cell(mesh: DolfinxMesh, x: np.ndarray) -> tuple[int, float]:
+    """The cell of this rank that is closest to a point x (3,) [m], and its distance [m]; -1 and inf
+    on a rank without cells.
+
+    Boxes around all cells are compared with the point.  To make a tree of them takes nine times as
+    long (ten thousand triangles), and one that is kept would be wrong after a mesh is moved."""
+    tdim = mesh.topology.dim
+    nodes = geometry_nodes(mesh)[: mesh.topology.index_map(tdim).size_local]
+    if not len(nodes):
+        return -1, np.inf
+    # Node by node of the cells, which needs less memory than the corners of all cells.
+    first, *others = (mesh.geometry.x[column] for column in nodes.T)
+    low = first
+    high = first
+    for corner in others:
+        low = np.minimum(low, corner)
+        high = np.maximum(high, corner)
+    box_distance = np.linalg.norm(np.maximum(low - x, x - high).clip(min=0.0), axis=1)
+    # No cell farther than this is the closest one.
+    limit = float(np.linalg.norm(first - x, axis=1).min())
+    near = np.flatnonzero(box_distance <= limit * (1 + NODE_ROUND_OFF)).astype(np.int32)
+    # The annotation of dolfinx is a list, but the function needs an array.
+    cells: Any = near
+    squared = geometry.squared_distance(mesh, tdim, cells, np.tile(x, (len(near), 1)))
+    return int(near[squared.argmin()]), float(np.sqrt(squared.min()))
 
 
 def _weights(body: MeshBody, cell: int, x: np.ndarray) -> tuple[tuple[int, ...], tuple[float, ...]]:

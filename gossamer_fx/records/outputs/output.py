@@ -23,7 +23,7 @@ import math
 import os
 import tokenize
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
 from types import FunctionType, MethodType, ModuleType
@@ -34,6 +34,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, not_negative
 from gossamer_fx.core.checks.errors import InputError, OutputFailure, check, on_rank_zero
+from gossamer_fx.core.checks.same_on_ranks import given_arguments, is_of_package
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Ground, Port
 from gossamer_fx.mechanics.terms.scalar_unknowns import InitialCondition
@@ -127,7 +128,7 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
     if isinstance(value, Mapping):
         return {str(key): inner(one) for key, one in value.items()}
     if depth < _MAX_DEPTH:
-        if _is_of_package(value) or is_dataclass(value):
+        if is_of_package(value) or is_dataclass(value):
             return {"class": type(value).__name__, **_attributes(value, inner)}
         if callable(value) and not isinstance(value, type):
             return _of_function(value, inner)
@@ -137,30 +138,12 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
 # ---- objects -------------------------------------------------------------------------------------
 
 
-def _is_of_package(value: Any) -> bool:
-    """Whether a value is an object, not a class or function, of this package."""
-    own = type(value).__module__.startswith("gossamer_fx.")
-    return own and not isinstance(value, type | FunctionType | MethodType)
-
-
 def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
-    """The arguments with which an object was made, found as attributes of the same name, with or
-    without an underscore, and its other public attributes that are plain; `inner` converts each."""
-    if is_dataclass(thing):
-        arguments = [field.name for field in fields(thing)]
-    else:
-        arguments = list(inspect.signature(type(thing)).parameters)
+    """The arguments with which an object was made, see `given_arguments`, and its other public
+    attributes that are plain; `inner` converts each."""
+    found = {name: inner(value) for name, value in given_arguments(thing).items()}
     # Objects with slots have no dictionary.
-    attributes: dict[str, Any] = {}
-    if hasattr(thing, "__dict__"):
-        attributes = vars(thing)
-    found: dict[str, Known] = {}
-    for name in arguments:
-        for kept in (name, f"_{name}"):
-            if kept in attributes or (kept == name and is_dataclass(thing)):
-                found[name] = inner(getattr(thing, kept))
-                break
-    for name, value in attributes.items():
+    for name, value in getattr(thing, "__dict__", {}).items():
         if not name.startswith("_") and name not in found and _is_plain(value):
             found[name] = inner(value)
     return {name: value for name, value in found.items() if name not in _NOT_COMPARED}
@@ -170,7 +153,7 @@ def _is_plain(value: Any) -> bool:
     """Whether an attribute is a number, a word, or a list of these and of objects of this package,
     e.g. obstacles; anything else may have been computed from a mesh."""
     if isinstance(value, list | tuple):
-        return all(_is_plain(one) or _is_of_package(one) for one in value)
+        return all(_is_plain(one) or is_of_package(one) for one in value)
     return value is None or isinstance(value, bool | str | Real)
 
 
@@ -444,6 +427,17 @@ class Schedule:
 
     every: int = 1
     times: tuple[float, ...] = ()
+
+    @classmethod
+    def of(
+        cls, owner: str, every: int | None, times: Sequence[float], default: int = 1
+    ) -> Schedule:
+        """The schedule that the arguments of an output ask for; both of them are refused."""
+        check(
+            every is None or not len(times),
+            f"{owner}: every is {every}, but there are times, too; give one of them.",
+        )
+        return cls(every or default, tuple(times))
 
     def due(self, step: int, time: float, last: bool) -> bool:
         """Whether a record is due at the end of a step, at a time [s]; step 0 is the start."""

@@ -172,9 +172,9 @@ class Recording:
         probes: further numbers by name, see `outputs.Probes`.
         at: "mean" for stresses, tensions, moments and states of films as means over the last step,
             or "end" for those at its end.
-        every: steps between two records of the fields; the first and the last state are always
-            recorded.
-        times: at which fields are recorded instead [s].
+        every: steps between two records of the fields, 10 by default; the first and the last state
+            are always recorded.
+        times: at which fields are recorded instead [s]; not together with `every`.
         title: a line for pictures and reports.
         states_every: steps between two rows of states.csv; default: as often as the fields.
         overwrite: whether another run in the folder is replaced.  Its files are removed when the
@@ -200,7 +200,7 @@ class Recording:
         *,
         probes: Mapping[str, Probe] | None = None,
         at: At = "mean",
-        every: Every = 10,
+        every: Every | None = None,
         times: Times = (),
         title: str = "",
         states_every: Every | None = None,
@@ -212,7 +212,7 @@ class Recording:
         self.fields = dict(fields or {})
         self.probes = dict(probes or {})
         self.at: At = at
-        self.schedule = Schedule(every, tuple(times))
+        self.schedule = Schedule.of("Recording", every, times, default=10)
         self.states_schedule = self.schedule
         if states_every is not None:
             self.states_schedule = Schedule(states_every)
@@ -358,14 +358,14 @@ class Recording:
         for body in run.system.bodies:
             if not is_on_mesh(body):
                 continue
-            outputs[body.name] = VTU(
+            output = VTU(
                 self.folder / "fields" / f"{file_name(body.name)}.pvd",
                 body,
                 fields=self.fields.get(body.name) or _default_fields(body, run),
                 at=self.at,
-                every=self.schedule.every,
-                times=self.schedule.times,
             )
+            output.schedule = self.schedule
+            outputs[body.name] = output
         return outputs
 
     def _make_tables(
@@ -418,15 +418,9 @@ class Recording:
             yield "lines.csv", ends
         tensions = _tension_columns(run, self.at)
         if tensions:
-            yield (
-                "tensions.csv",
-                Probes(
-                    self.folder / "tensions.csv",
-                    tensions,
-                    every=schedule.every,
-                    times=schedule.times,
-                ),
-            )
+            table = Probes(self.folder / "tensions.csv", tensions)
+            table.schedule = schedule
+            yield "tensions.csv", table
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _pose_columns(self) -> dict[str, Probe]:

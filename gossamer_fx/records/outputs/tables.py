@@ -294,8 +294,9 @@ class Probes(TableOutput):
         path: of the file.
         probes: functions of the run that return a number, the same on every rank, by the names of
             their columns; see `gx.probes`.
-        every: steps between two rows; the first and the last state are always recorded.
-        times: at which rows are written instead [s].
+        every: steps between two rows, 1 by default; the first and the last state are always
+            recorded.
+        times: at which rows are written instead [s]; not together with `every`.
 
     Raises:
         InputError: a probe is not a function, or has the name of another column; before the first
@@ -316,10 +317,10 @@ class Probes(TableOutput):
         path: str | Path,
         probes: Mapping[str, Probe],
         *,
-        every: Every = 1,
+        every: Every | None = None,
         times: Times = (),
     ) -> None:
-        super().__init__(path, Schedule(every, tuple(times)))
+        super().__init__(path, Schedule.of("Probes", every, times))
         self.probes = dict(probes)
         check(
             bool(self.probes),

@@ -66,8 +66,9 @@ class VTU:
         fields: names, see `gx.fields`; the displacement is always written.
         at: "mean" for stresses, tensions, moments and states of films as means over the last step,
             or "end" for those at its end.
-        every: steps between two records; the first and the last state are always recorded.
-        times: at which fields are recorded instead [s].
+        every: steps between two records, 1 by default; the first and the last state are always
+            recorded.
+        times: at which fields are recorded instead [s]; not together with `every`.
 
     Attributes:
         last_time: of the last record [s]; None before the first.
@@ -91,14 +92,14 @@ class VTU:
         *,
         fields: Sequence[str] = ("displacement",),
         at: At = "mean",
-        every: Every = 1,
+        every: Every | None = None,
         times: Times = (),
     ) -> None:
         self.path = Path(path)
         self.body = body
         self.fields = fields
         self.at: At = at
-        self.schedule = Schedule(every, tuple(times))
+        self.schedule = Schedule.of("VTU", every, times)
         check(
             self.path.suffix == ".pvd",
             f"VTU cannot write '{path}'; give a name that ends in .pvd.",

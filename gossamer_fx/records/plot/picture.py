@@ -156,7 +156,7 @@ class Picture(DrawnRun):
         return Recording(
             self.folder,
             fields=dict.fromkeys(films, ("displacement", self.colour)),
-            every=NEVER,
+            every=None if self.times else NEVER,
             times=self.times,
             title=self.title,
             states_every=1,

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, collective
 from gossamer_fx.core.checks.ending import (
     Interrupted,
     Listener,
@@ -117,6 +117,7 @@ class Simulation:
 
     axis = TIME
 
+    @collective
     def __init__(
         self,
         scene: Scene,
@@ -359,6 +360,7 @@ class Simulation:
     # ---- running ---------------------------------------------------------------------------------
 
     @check_arguments
+    @collective
     def run(self, until: float) -> None:
         """Advance to a time; may be called again with a later one.  `run.run(until=run.time +
         run.stepper.dt)` makes a single step.
@@ -424,7 +426,8 @@ class Simulation:
         self._switch()
         if not self.recorded:
             self._record(last=ended)
-        if ended:
+        # A signal may have come while the scene was made.
+        if ended or signals.heard(self.comm):
             return
         times = {until}
         for output in self.outputs:
@@ -550,7 +553,7 @@ class Simulation:
         """Log where the run ended, and end the program."""
         interrupted = Interrupted(number)
         remedy = ""
-        if self.checkpoints is not None:
+        if self.checkpoints is not None and self.checkpoints.latest is not None:
             remedy = f"; restart from '{self.checkpoints.latest}'"
         LOGGER.warning(
             "stopped by %s at t = %.9g s, after step %d%s",

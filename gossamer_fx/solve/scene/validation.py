@@ -17,14 +17,14 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.edges import edges_of
 from gossamer_fx.core.mesh.quality import (
+    NO_SIZE,
     aspects,
+    cell_quality,
     corner_points,
     extent,
     folded,
     folded_in_plane,
     open_seams,
-    shape_quality,
-    sizes,
     turned_inside,
 )
 from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh
@@ -32,9 +32,7 @@ from gossamer_fx.mechanics.bodies.meshed import Meshed
 
 LOG = logging.getLogger("gossamer_fx")
 
-# Quality of a triangle below which it has no area, and below which it is a sliver: an aspect ratio
-# of about 3000.
-_FLAT = 1e-9
+# Quality of a triangle below which it is a sliver: an aspect ratio of about 3000.
 _SLIVER = 5e-4
 
 # A film thicker than this part of its extent probably has its thickness in millimetres.
@@ -98,13 +96,9 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     comm = body.comm
     corners = corner_points(domain)
     size = extent(domain)
-    if corners.shape[1] == 3:
-        kind = "triangle"
-        quality = shape_quality(corners)
-    else:
-        kind = "line element"
-        quality = sizes(corners) / (size or 1.0)
-    counts = np.array([(quality < _FLAT).sum(), (quality < _SLIVER).sum()])
+    kind = "triangle" if corners.shape[1] == 3 else "line element"
+    quality = cell_quality(corners, size)
+    counts = np.array([(quality < NO_SIZE).sum(), (quality < _SLIVER).sum()])
     flat, slivers = comm.allreduce(counts).tolist()
     check(
         flat == 0,

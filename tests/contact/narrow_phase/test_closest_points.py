@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,22 @@ def test_no_pair_comes_closer_than_its_bound(kind: int) -> None:
         distance = np.sqrt(closest_points(pairs, np.ascontiguousarray(x0 + t * (x1 - x0)))[0])
         # 1e-12: round-off of the square roots.
         assert (start - distance <= bound + 1e-12).all()
+
+
+def test_gaps_take_little_more_memory_than_is_kept() -> None:
+    """Temporary arrays were as large as what is kept; the gaps are the same to the last bit."""
+    count = 4 * module.PAIRS_AT_ONCE
+    pairs, x, _ = near_pairs(PointTriangle.number, count)
+    zeros = np.zeros(count)
+    candidates = CandidatePairs(pairs.kind, pairs.points, pairs.identifier, zeros, zeros)
+    # As one that is loaded and compiled allocates, too.
+    closest_points(pairs, x)
+    tracemalloc.start()
+    found = PairDistances.of(candidates, x)
+    kept, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (most - kept) / count < 20.0
+    assert (found.gap == np.sqrt(closest_points(pairs, x)[0])).all()
 
 
 def test_closest_points_of_a_state_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:

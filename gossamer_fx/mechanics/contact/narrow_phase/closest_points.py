@@ -13,10 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.contract import Array, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, pair_list
 from gossamer_fx.mechanics.contact.stencils import gaps_of
+
+# Pairs whose gaps are computed at once: of all pairs at once the temporary arrays take more memory
+# than what is kept.
+PAIRS_AT_ONCE = 2**16
 
 
 def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
@@ -83,15 +87,20 @@ class PairDistances:
     def of(cls, candidates: CandidatePairs, x: Array) -> PairDistances:
         """Compute all gaps at points x."""
         found = cls(candidates, x, np.empty(len(candidates)))
-        found.make_exact(slice(None))
+        found.make_exact()
         return found
 
-    def make_exact(self, rows: Any) -> None:
-        """Replace the lower bounds of the gaps [m] of some pairs by the gaps; `rows`: indices, a
-        mask (n,) or a slice."""
-        geometry = self._compute(rows)
-        radius = self.candidates.radius[rows]
-        self.gap[rows] = gaps_of(geometry, self._squared_distance[rows], radius)
+    def make_exact(self, rows: Int64Array | None = None) -> None:
+        """Replace the lower bounds of the gaps [m] of some pairs, by default of all, by the gaps;
+        `rows`: indices (k,)."""
+        count = len(self.candidates) if rows is None else len(rows)
+        for first in range(0, count, PAIRS_AT_ONCE):
+            some: Any = slice(first, first + PAIRS_AT_ONCE)
+            if rows is not None:
+                some = rows[some]
+            geometry = self._compute(some)
+            radius = self.candidates.radius[some]
+            self.gap[some] = gaps_of(geometry, self._squared_distance[some], radius)
 
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
         """Return squared distances s (k,) and parameters (k, 2) of the closest points of some pairs
