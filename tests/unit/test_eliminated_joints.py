@@ -119,9 +119,6 @@ def test_factors_that_no_longer_serve_are_replaced_within_a_solve(comm, monkeypa
 
     def spoil(preconditioner):
         iterations.append(newton.ksp.getIterationNumber())
-        # Without contact PETSc asks a second time, when the factors are first applied.
-        if preconditioner._is_kept and not preconditioner._applications:
-            return True
         if not keep_factors(preconditioner):
             return False
         identity = PETSc.PC().create(comm)

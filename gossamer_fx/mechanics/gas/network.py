@@ -308,8 +308,11 @@ class GasNetwork(ScalarUnknowns):
 
     def force_square(self) -> float:
         """Of the pressures inside: those outside are nearly as large where a chamber is in air."""
-        forces = [self.y[k] * enclosure.gradients()[0] for k, enclosure in self._enclosures.items()]
-        return sum(float(force @ force) for force in forces)
+        square = 0.0
+        for k, enclosure in self._enclosures.items():
+            force = self.y[k] * enclosure.gradients()[0]
+            square += float(force @ force)
+        return square
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Return the blocks of the Newton matrix by which the gas is coupled to the bodies: G are

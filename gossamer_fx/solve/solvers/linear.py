@@ -193,7 +193,9 @@ class BorderedPreconditioner:
         self._sparse = sparse
         self._system = system
         self._out = operator.composite.fields.duplicate()
-        self._Z = Columns([])
+        # Z as rows (k, n), and the indices of these columns among those of G.
+        self._Z: Array = np.zeros((0, 0))
+        self._solved: list[int] = []
         # The kind of a preconditioner does not change.
         self._is_exact = factorisation.is_exact(sparse)
         context = sparse.getPythonContext() if sparse.getType() == "python" else None
@@ -231,9 +233,8 @@ class BorderedPreconditioner:
             self._fresh_applications = self._applications
         self._applications = 0
         self._schur = operator.C.copy()
-        columns = self._Z.nonzero
-        if columns:
-            self._schur[:, columns] -= operator.rows(self._Z.values)
+        if self._solved:
+            self._schur[:, self._solved] -= operator.rows(self._Z)
 
     def recover(self) -> None:
         """Become usable again after a step that was not solved: another attempt of its length does
@@ -253,8 +254,12 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if self._keep_factors is not None and self._keep_factors():
-            return
+        if self._keep_factors is not None:
+            is_kept = self._keep_factors()
+            # Otherwise PETSc would set up at the next application, if its matrix is A.
+            self._sparse.setReusePreconditioner(is_kept)
+            if is_kept:
+                return
         if self._is_exact or self._is_marked("needs_couplings"):
             factorisation.replace(self._sparse, tangent.for_factorisation())
         elif self._needs_couplings and not self._is_marked("adds_couplings"):
@@ -272,14 +277,14 @@ class BorderedPreconditioner:
     def _solve_columns(self) -> None:
         """Compute Z = P⁻¹ G for the columns G (n, m) of the scalar unknowns that are not zero.
         Collective."""
-        operator = self._operator
-        column = operator.composite.fields
-        solved: list[Array | None] = [None] * operator.G.count
-        for k, values_of_column in zip(operator.G.nonzero, operator.G.values, strict=True):
-            column.array[:] = values_of_column
+        G = self._operator.G
+        column = self._operator.composite.fields
+        self._Z = np.empty(G.values.shape)
+        self._solved = G.nonzero
+        for values, solution in zip(G.values, self._Z, strict=True):
+            column.array[:] = values
             self._sparse.apply(column, self._out)
-            solved[k] = self._out.array_r.copy()
-        self._Z = Columns(solved)
+            solution[:] = self._out.array_r
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (δz, δy) for residuals x = (r, s) by block elimination; called by PETSc.
@@ -291,7 +296,7 @@ class BorderedPreconditioner:
         """
         operator = self._operator
         # The flexible Krylov method allows another preconditioner within a solve.
-        if self._is_marked("is_outdated"):
+        if not self._is_exact and self._is_marked("is_outdated"):
             # PETSc does not set up for a matrix again unless it has changed.
             operator.A.A.stateIncrease()
             self._set_up_sparse(is_new_step=False)
@@ -305,7 +310,8 @@ class BorderedPreconditioner:
                 # The iteration has diverged.  PETSc detects NaN on all ranks, and the step is
                 # repeated.
                 δy[:] = np.nan
-        self._Z.add(self._out, -δy)
+        if self._solved:
+            self._out.array[:] -= δy[self._solved] @ self._Z
         operator.composite.join(self._out, δy, out)
 
 
@@ -335,7 +341,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         from gossamer_fx.solve.solvers import condensed_constraints
 
         # Scalar unknowns need a separate preconditioner.
-        is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
+        is_alone = not system.scalar_count
         context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS, is_alone)
         if context is not None:
             _choose_gmres(ksp)

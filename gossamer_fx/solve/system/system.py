@@ -114,7 +114,9 @@ class Increment:
         offset = 0.0 if self._offset is None else self._offset.array_r
         elastic = (diagonal.array_r - inertia) * q1.array_r
         inertial = inertia * (self._w.array_r + offset)
-        forces = np.stack([elastic, inertial])
+        forces: Array = np.empty((2, elastic.size))
+        forces[0] = elastic
+        forces[1] = inertial
         forces[:, self._supports.held] = 0.0
         square = float(np.vdot(forces, forces)) + other_square
         if self._comm.size > 1:
@@ -178,6 +180,7 @@ class System:
         compiled: the compiled kinds of terms, all of which take part in each step.
         constraints, active_sets, differentiable, shown: those of them with these facets.
         scalar_unknowns: gas networks and the like; the scene adds them before `initialise`.
+        scalar_count: number of all scalar unknowns.
         state: the accepted state.
         end: coordinates at the end of the step, as iterated; its velocities are those of the start.
         coordinates: of bodies on meshes, as functions for forms.
@@ -210,6 +213,9 @@ class System:
         self._items = items
         self.terms: list[Term] = [term for each in items for term in each.terms]
         self.scalar_unknowns: list[ScalarUnknowns] = []
+        # With their part of all of them.
+        self._scalar_parts: list[tuple[ScalarUnknowns, slice]] = []
+        self.scalar_count = 0
         self.recorders: list[Callable[[], None]] = []
         self.time = 0.0
         self.h = 1.0
@@ -339,6 +345,9 @@ class System:
         # Gas starts from the volumes of the initial state, which are known now.
         for scalars in self.scalar_unknowns:
             scalars.start()
+            start = self.scalar_count
+            self.scalar_count += scalars.size
+            self._scalar_parts.append((scalars, slice(start, self.scalar_count)))
         self._build_matrices()
 
     def take_shape_history(self, other: System) -> None:
@@ -597,7 +606,9 @@ class System:
         the scalar unknowns y (m,).  The rows of fixed coordinates go to `supports`, as reactions.
         Collective."""
         # First the gas: its pressure enters the forces on films.  s: residuals of scalar unknowns.
-        s = [scalars.residual(part) for scalars, part in self._split(y)]
+        s = np.zeros(self.scalar_count)
+        for scalars, part in self._scalar_parts:
+            s[part] = scalars.residual(y[part])
         self.increment.add_inertia(self.M, r)
         if self.K is not None:
             α = self.rule.alpha
@@ -607,12 +618,11 @@ class System:
             self.K.multAdd(self._scratch, r, r)
         for compiled in self.compiled:
             compiled.add_forces(r)
-        with r as values:
-            for scalars in self.scalar_unknowns:
-                scalars.add_force(values)
+        for scalars in self.scalar_unknowns:
+            scalars.add_force(r.array)
         # Last: the sum of all forces on fixed coordinates is the reaction of their supports.
         self.supports.take(r)
-        return np.concatenate([np.zeros(0), *s])
+        return s
 
     def stored_forces(self) -> PETSc.Vec:
         """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state, as a new
@@ -706,14 +716,11 @@ class System:
         zero, with zeros at fixed coordinates; and ∂s/∂y (m, m), of residuals r and s."""
         columns: list[Array | None] = []
         rows: list[Array | None] = []
-        count = sum(scalars.size for scalars in self.scalar_unknowns)
-        corner = np.zeros((count, count))
-        for scalars in self.scalar_unknowns:
-            own = slice(len(rows), len(rows) + scalars.size)
-            own_columns, own_rows, own_corner = scalars.coupling()
+        corner = np.zeros((self.scalar_count, self.scalar_count))
+        for scalars, part in self._scalar_parts:
+            own_columns, own_rows, corner[part, part] = scalars.coupling()
             columns += own_columns
             rows += own_rows
-            corner[own, own] = own_corner
         for vector in columns + rows:
             if vector is not None:
                 vector[self.supports.held] = 0
@@ -825,7 +832,7 @@ class System:
     def force_scale(self, diagonal: PETSc.Vec) -> float:
         """Norm [N] of the forces that cancel in the last residual: the scale of its round-off, from
         the diagonal of the tangent."""
-        of_scalars = sum(scalars.force_square() for scalars in self.scalar_unknowns)
+        of_scalars = sum([scalars.force_square() for scalars in self.scalar_unknowns])
         return self.increment.force_scale(self.M, diagonal, self.q1, of_scalars)
 
     def round_off_energy(self, diagonal: PETSc.Vec) -> float:
@@ -886,12 +893,3 @@ class System:
         values = z.array_r
         for body, at in self.coordinates.items():
             at.take(getattr(at, name), values[self._block_of[body].owned])
-
-    def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
-        """The scalar unknowns with their part of y."""
-        found = []
-        start = 0
-        for scalars in self.scalar_unknowns:
-            found.append((scalars, y[start : start + scalars.size]))
-            start += scalars.size
-        return found
