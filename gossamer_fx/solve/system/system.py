@@ -24,6 +24,7 @@ from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
+    CompiledTerms,
     Compiler,
     Differentiable,
     HistoryVariables,
@@ -281,6 +282,16 @@ class System:
         self.active_sets = self.compiled_as(ActiveSet)
         self.differentiable = self.compiled_as(Differentiable)
         self.shown = self.compiled_as(Shown)
+        # What an iteration asks; the other terms have nothing to do there.
+        self._updated = self._defining("update")
+        self._acting = self._defining("add_forces")
+        self._with_tangents = self._defining("add_tangents")
+        self._with_forms = self._defining("tangent_forms")
+
+    def _defining(self, method: str) -> list[CompiledTerms[Never]]:
+        """The compiled terms that define a method of the contract, whose default does nothing."""
+        default = getattr(CompiledTerms, method)
+        return [each for each in self.compiled if getattr(type(each), method) is not default]
 
     # ---- look-ups --------------------------------------------------------------------------------
 
@@ -591,14 +602,14 @@ class System:
         if base is not None:
             self._scratch.waxpy(-1.0, base, w)
             self._spread(self._scratch, "δ")
-        for compiled in self.compiled:
+        for compiled in self._updated:
             compiled.update(base is not None)
 
     def set_end(self, q: PETSc.Vec) -> None:
         """Set q1 = q [m], with its true strains.  Collective."""
         q.copy(self.q1)
         self._spread(self.q1, "q1")
-        for compiled in self.compiled:
+        for compiled in self._updated:
             compiled.update(False)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
@@ -616,7 +627,7 @@ class System:
             self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
             self._scratch.scale(α)
             self.K.multAdd(self._scratch, r, r)
-        for compiled in self.compiled:
+        for compiled in self._acting:
             compiled.add_forces(r)
         for scalars in self.scalar_unknowns:
             scalars.add_force(r.array)
@@ -875,14 +886,14 @@ class System:
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         """Compiled bilinear forms that add up to the tangent of a body on a mesh, of all terms."""
-        return [form for compiled in self.compiled for form in compiled.tangent_forms(body)]
+        return [form for compiled in self._with_forms for form in compiled.tangent_forms(body)]
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
         """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar
         unknowns."""
         for body, at in self.coordinates.items():
             at.assemble(A, self.tangent_forms(body), self._block_of[body])
-        for compiled in self.compiled:
+        for compiled in self._with_tangents:
             compiled.add_tangents(A)
         for scalars in self.scalar_unknowns:
             scalars.add_tangents(A)
