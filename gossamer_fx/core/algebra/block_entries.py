@@ -11,13 +11,15 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.core.forms.cell_loops import prepared_integral
+from gossamer_fx.core.forms.c_source import c_library
+from gossamer_fx.core.forms.cell_loops import HEADER, prepared_integral
 from gossamer_fx.core.model.body import Array
 
 # The library to which petsc4py is linked, for C functions that it does not offer.
@@ -68,6 +70,36 @@ def block_assembly(
             raise PETSc.Error(error)
 
     return assemble
+
+
+def block_entry(
+    A: PETSc.Mat,
+    rows: npt.NDArray[np.int64],
+    columns: npt.NDArray[np.int64],
+    blocks: Array,
+) -> Callable[[], None] | None:
+    """Return what adds the present values of `blocks` (b, 3, 3) to a matrix of fixed pattern that is
+    assembled, at their block rows and block columns (b,); None: PETSc does not store it on one rank
+    in blocks of three."""
+    if A.getType() != "seqbaij" or A.getBlockSize() != 3:
+        return None
+    keys = rows * (A.getSize()[0] // 3) + columns
+    positions = block_keys(A).searchsorted(keys).astype(np.int32)
+    values = stored_blocks(A)
+    c = c_library(HEADER)
+    add = partial(
+        c.lib.add_at_positions,
+        c.array("blocks", blocks, "float64", (len(rows), 3, 3)),
+        c.array("positions", positions, "int32", (len(rows),)),
+        len(rows),
+        c.array("values", values, "float64", values.shape, writable=True),
+    )
+
+    def enter() -> None:
+        add()
+        A.stateIncrease()
+
+    return enter
 
 
 def stored_blocks(matrix: PETSc.Mat) -> Array:

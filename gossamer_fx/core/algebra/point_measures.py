@@ -17,7 +17,7 @@ Sizes in this file:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.block_entries import block_entry
 from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.model.body import Array, Attached, Body, Ground, Port
@@ -406,9 +407,16 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
 class FixedBlocks:
     """Blocks of three rows and columns at fixed positions of a matrix, entered in one call."""
 
-    def __init__(self, numbering: Numbering, rows: GlobalIndices, columns: GlobalIndices) -> None:
-        """`rows` and `columns` (b,) are the global indices at which the blocks begin, in ascending
-        order of the rows."""
+    def __init__(
+        self, numbering: Numbering, rows: GlobalIndices, columns: GlobalIndices, blocks: Array
+    ) -> None:
+        """Take the array of the blocks (b, 3, 3), whose values may change, and the global indices
+        `rows` and `columns` (b,) at which they begin, in ascending order of the rows."""
+        self._numbering = numbering
+        self._blocks = blocks
+        # The last matrix of `add`, and what adds to it if it is on one rank and of fixed pattern.
+        self._matrix: PETSc.Mat | None = None
+        self._enter: Callable[[], None] | None = None
         # A matrix whose own blocks have this size takes them as they are, by their numbers.
         self._has_blocks = numbering.block_size == 3
         if self._has_blocks:
@@ -420,15 +428,23 @@ class FixedBlocks:
             self._rows = (rows[:, None] + np.arange(3)).astype(PETSc.IntType)
             self._columns = (columns[:, None] + np.arange(3)).astype(PETSc.IntType)
 
-    def add(self, A: PETSc.Mat, blocks: Array) -> None:
-        """Add the blocks (b, 3, 3) to a matrix, which is not assembled afterwards."""
-        if self._has_blocks:
+    def add(self, A: PETSc.Mat) -> None:
+        """Add the blocks to a matrix, which is not assembled afterwards."""
+        if A is not self._matrix:
+            self._matrix = A
+            self._enter = None
+            if self._has_blocks and A is self._numbering.fixed:
+                rows = np.repeat(self._rows, np.diff(self._starts))
+                self._enter = block_entry(A, rows.astype(np.int64), self._columns, self._blocks)
+        if self._enter is not None:
+            self._enter()
+        elif self._has_blocks:
             A.setValuesBlockedIJV(
                 self._starts,
                 self._columns,
-                blocks.ravel(),
+                self._blocks.ravel(),
                 addv=PETSc.InsertMode.ADD_VALUES,
                 rowmap=self._rows,
             )
         else:
-            add_blocks(A, self._rows, self._columns, blocks)
+            add_blocks(A, self._rows, self._columns, self._blocks)

@@ -159,10 +159,10 @@ class ChamberSurfaces:
         keys, blocks = np.unique(
             np.concatenate([one.ravel() for one in pairs]), return_inverse=True
         )
-        self._entries = FixedBlocks(numbering, keys // numbering.size, keys % numbering.size)
-
         self._c = c_library(HEADER, system.comm)
         self._allocate(self._owned + 3 * len(ghosts), len(keys))
+        rows, columns = np.divmod(keys, numbering.size)
+        self._entries = FixedBlocks(numbering, rows, columns, self._blocks)
         ends = np.cumsum([one.size for one in pairs])[:-1]
         # The parts of each film: chamber, sign, triangles, unknowns, blocks
         parts: dict[Membrane, list[tuple[Any, ...]]] = {}
@@ -393,7 +393,7 @@ class ChamberSurfaces:
         for film in self._films:
             film.factors[:, 0] = film.signs * forces[film.chambers]
             film.add_tangent()
-        self._entries.add(A, self._blocks)
+        self._entries.add(A)
 
 
 def _entries_of(blocks: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
