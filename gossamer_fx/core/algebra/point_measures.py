@@ -410,8 +410,9 @@ class FixedBlocks:
     def __init__(
         self, numbering: Numbering, rows: GlobalIndices, columns: GlobalIndices, blocks: Array
     ) -> None:
-        """Take the array of the blocks (b, 3, 3), whose values may change, and the global indices
-        `rows` and `columns` (b,) at which they begin, in ascending order of the rows."""
+        """Take the array of the blocks (b, 9), each column by column, whose values may change, and
+        the global indices `rows` and `columns` (b,) at which they begin, in ascending order of the
+        rows."""
         self._numbering = numbering
         self._blocks = blocks
         # The last matrix of `add`, and what adds to it if it is on one rank and of fixed pattern.
@@ -438,13 +439,15 @@ class FixedBlocks:
                 self._enter = block_entry(A, rows.astype(np.int64), self._columns, self._blocks)
         if self._enter is not None:
             self._enter()
-        elif self._has_blocks:
+            return
+        blocks = self._blocks.reshape(-1, 3, 3).transpose(0, 2, 1)
+        if self._has_blocks:
             A.setValuesBlockedIJV(
                 self._starts,
                 self._columns,
-                self._blocks.ravel(),
+                blocks.ravel(),
                 addv=PETSc.InsertMode.ADD_VALUES,
                 rowmap=self._rows,
             )
         else:
-            add_blocks(A, self._rows, self._columns, self._blocks)
+            add_blocks(A, self._rows, self._columns, blocks)

@@ -137,5 +137,5 @@ void add_at_positions(const double *blocks, const int32_t *positions, ptrdiff_t 
                       double *matrix)
 {
     for (ptrdiff_t k = 0; k < count; k++)
-        add_block(matrix + positions[k] * (ptrdiff_t)9, blocks + k * 9, 3, 3);
+        for (int i = 0; i < 9; i++) matrix[positions[k] * (ptrdiff_t)9 + i] += blocks[9 * k + i];
 }

@@ -37,11 +37,12 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.block_entries import adding_to_blocks
 from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.core.algebra.point_measures import FixedBlocks, Gather
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
-from gossamer_fx.core.forms.cell_loops import CellValues, prepared_integral
+from gossamer_fx.core.forms.cell_loops import CellValues, PreparedFunction, prepared_integral
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array
@@ -176,7 +177,7 @@ class ChamberSurfaces:
                 self._kinds.append(kind)
                 continue
             unknowns = local(indices)[:, :, None] + np.arange(3, dtype=np.int32)
-            part_of_film = (chamber, sign, part.cells, unknowns, _entries_of(numbers))
+            part_of_film = (chamber, sign, part.cells, unknowns, numbers)
             parts.setdefault(part.film, []).append(part_of_film)
         self._films = [self._film_for_kernel(film, some) for film, some in parts.items()]
         self._c_all = self._surfaces_for_kernel()
@@ -207,7 +208,8 @@ class ChamberSurfaces:
             self._at_mid = np.zeros((chambers, unknowns))
         self.measures = np.zeros((3, chambers))
         self._initial_volume = np.zeros(chambers)
-        self._blocks = np.zeros((blocks, 3, 3))
+        # Each column by column, as PETSc stores them
+        self._blocks = np.zeros((blocks, 9))
 
     def _kind_for_kernel(
         self,
@@ -249,7 +251,7 @@ class ChamberSurfaces:
     def _film_for_kernel(self, film: Membrane, parts: list[tuple[Any, ...]]) -> FilmParts:
         """Return the parts of a film with what evaluates them.  Collective."""
         system = self._system
-        chambers, signs, cells, unknowns, entries = zip(*parts, strict=True)
+        chambers, signs, cells, unknowns, blocks = zip(*parts, strict=True)
         at = system.coordinates[film]
         # One number in each triangle, in place of which that of the triangle's part is taken.
         factor = fem.Function(fem.functionspace(film.mesh.domain, ("DG", 0)))
@@ -270,26 +272,28 @@ class ChamberSurfaces:
         first = (chamber_of[part] * len(self._end)).astype(np.int32)
         rows = np.concatenate(unknowns) + first[:, :, None]
 
-        def adding(compiled: fem.Form, values: Array, rows: Any) -> Callable[[], Any]:
-            """Return what adds the numbers that a form has in each triangle to those of an array at
-            the rows of a triangle."""
-            prepared = prepared_integral(compiled, np.concatenate(cells), in_place_of)
-            assert prepared is not None
-            function, where, _ = prepared
-            flat = rows.reshape(len(part), int(np.prod(rows.shape[1:])))
-            to = CellValues(values.reshape(-1, 1), flat)
-            return function.applied("add_in_cells", to.struct(where.library), to.width)
+        def prepared(compiled: fem.Form) -> tuple[PreparedFunction, CLibrary]:
+            found = prepared_integral(compiled, np.concatenate(cells), in_place_of)
+            assert found is not None
+            return found[0], found[1].library
+
+        def adding(compiled: fem.Form, gradients: Array) -> Callable[[], Any]:
+            """Return what adds a linear form to the gradients of all chambers."""
+            function, library = prepared(compiled)
+            to = CellValues(gradients.reshape(-1, 1), rows.reshape(len(part), -1))
+            return function.applied("add_in_cells", to.struct(library), to.width)
 
         at_end = compile_form(flux(at.q1))
         acting = at_end if system.rule.acts_at_end else compile_form(flux(at.mid))
         tangent = compile_form(ufl.derivative(-flux(at.mid), at.q1, at.dq))
+        positions = np.concatenate(blocks)
         return FilmParts(
             factors,
             chamber_of,
             np.array(signs),
-            adding(at_end, self._at_end, rows),
-            adding(acting, self._at_mid, rows),
-            adding(tangent, self._blocks, np.concatenate(entries)),
+            adding(at_end, self._at_end),
+            adding(acting, self._at_mid),
+            adding_to_blocks(*prepared(tangent), 3, self._blocks, positions),
         )
 
     def _surfaces_for_kernel(self) -> CStruct:
@@ -394,10 +398,3 @@ class ChamberSurfaces:
             film.factors[:, 0] = film.signs * forces[film.chambers]
             film.add_tangent()
         self._entries.add(A)
-
-
-def _entries_of(blocks: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Positions (n, k, 3, k, 3) of the entries of triangles' matrices in blocks (b, 3, 3), from the
-    number of the block of each pair of nodes (n, k, k)."""
-    place = np.arange(9, dtype=np.int32).reshape(3, 1, 3)
-    return 9 * blocks[:, :, None, :, None] + place
