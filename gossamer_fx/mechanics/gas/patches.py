@@ -116,6 +116,8 @@ class ChamberSurfaces:
         measures: three volumes of each chamber (3, chambers) [m³]: V_c at q1, of its sign; the sum
             of the sizes of the terms of G_c(q)·q, for round-off; and W_c, or V_c(q1) - V_c(q0) if
             forces act at the end of the step.
+        at_middle, at_end: this rank's parts of G_c (chambers, n) [m²] in the positions q̄ where
+            forces act, and at q1, where it is ∂V_c/∂q1.
     """
 
     def __init__(self, system: Assembly) -> None:
@@ -206,6 +208,8 @@ class ChamberSurfaces:
         self._at_mid = self._at_end
         if not self._system.rule.acts_at_end:
             self._at_mid = np.zeros((chambers, unknowns))
+        self.at_end = self._at_end[:, : self._owned]
+        self.at_middle = self._at_mid[:, : self._owned]
         self.measures = np.zeros((3, chambers))
         self._initial_volume = np.zeros(chambers)
         # Each column by column, as PETSc stores them
@@ -373,21 +377,17 @@ class ChamberSurfaces:
         self._at_start[:] = self._at_end
         self._initial_volume[:] = self.measures[0]
 
-    def gradients(self, c: int) -> tuple[Array, Array, Array]:
-        """Return this rank's parts of the gradients [m²] of chamber c until the next `follow`: G_c
-        = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the force; and
-        ∂V_c/∂q1 and ∂W_c/∂q1."""
-        at_mid = self._at_mid[c, : self._owned]
-        at_end = self._at_end[c, : self._owned]
+    def of_swept(self, c: int) -> Array:
+        """Return this rank's part of ∂W_c/∂q1 [m²], (4)."""
         if self._at_mid is self._at_end:
-            return at_mid, at_end, at_end
-        change = at_end - self._at_start[c, : self._owned]
-        return at_mid, at_end, at_mid + self._system.rule.alpha * change
+            return self.at_end[c]
+        change = self.at_end[c] - self._at_start[c, : self._owned]
+        return self.at_middle[c] + self._system.rule.alpha * change
 
     def add_forces(self, values: Array) -> None:
         """Subtract the forces of all chambers, pressure · G_c(q̄) [N], from the owned part of a
         residual."""
-        values -= self.pressures @ self._at_mid[:, : self._owned]
+        values -= self.pressures @ self.at_middle
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the derivative of the forces of all `pressures` [Pa] by the end of the step to the
