@@ -138,6 +138,32 @@ def test_factors_that_no_longer_serve_are_replaced_within_a_solve(comm, monkeypa
 
 
 @pytest.mark.mpi
+def test_kept_factors_are_not_made_again_where_nothing_touches(comm, monkeypatch):
+    """Without pairs the matrix is that of the films itself, of which PETSc sees that it changed."""
+    monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
+    kept = []
+    set_ups = []
+    keep_factors = EliminatedJoints.keep_factors
+    set_up = EliminatedJoints._set_up_incomplete
+
+    def keep(preconditioner):
+        is_kept = keep_factors(preconditioner)
+        kept.append(is_kept)
+        return is_kept
+
+    def counted(preconditioner, *given):
+        set_ups.append(preconditioner)
+        set_up(preconditioner, *given)
+
+    monkeypatch.setattr(EliminatedJoints, "keep_factors", keep)
+    monkeypatch.setattr(EliminatedJoints, "_set_up_incomplete", counted)
+    run = ikaros.build(comm, pitch=0.64, until=0.05).simulation([])
+    run.run(until=4e-3)
+    assert any(kept)
+    assert len(set_ups) == run.solver.newton.all_iterations - sum(kept)
+
+
+@pytest.mark.mpi
 def test_one_application_solves_where_the_films_are_factorised_completely(comm, monkeypatch):
     """With enough levels of fill and an overlap of the whole film F̃ is F, and the elimination
     exact, multipliers included."""

@@ -74,8 +74,8 @@ def adding_to_blocks(
     positions: npt.NDArray[np.int32],
     others: Mapping[str, Any] | None = None,
 ) -> Callable[[], Any]:
-    """Return what adds a form's matrices of cells to blocks (b, size²), each column by column, at the
-    positions (cells, k, k) of each two nodes.  It returns PETSc's number of an error, or zero.
+    """Return what adds a form's matrices of cells to blocks (b, size²), each column by column, at
+    the positions (cells, k, k) of each two nodes.  It returns PETSc's number of an error, or zero.
     `others`: members of the C struct `block_matrix` for cells without positions; None: all have
     some."""
     node_count = positions.shape[1]
