@@ -10,21 +10,23 @@ entered by PETSc.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.core.forms.c_source import CLibrary, c_library
-from gossamer_fx.core.forms.cell_loops import HEADER, PreparedFunction, prepared_integral
+from gossamer_fx.core.forms.c_source import c_library
+from gossamer_fx.core.forms.cell_loops import HEADER, prepared_integral
 from gossamer_fx.core.model.body import Array
 
 # The library to which petsc4py is linked, for C functions that it does not offer.
 PETSC = ctypes.CDLL(PETSc.__file__)
+
+# Of blocks: block row times the number of block rows, plus block column.
+type Keys = npt.NDArray[np.int64]
 
 
 def block_assembly(
@@ -50,12 +52,19 @@ def block_assembly(
     own = A.getDiagonalBlock()
     positions = _positions(own, rows - A.getOwnershipRange()[0] // size)
     values = stored_blocks(own)
-    others = {
-        "rows": c.array("rows", rows, "int32", rows.shape),
-        "matrix": A.handle,
-        "set_values": ctypes.cast(PETSC.MatSetValuesBlocked, ctypes.c_void_p).value,
-    }
-    add = adding_to_blocks(function, c, size, values, positions, others)
+    to = c.struct(
+        "block_matrix",
+        {
+            "size": size,
+            "node_count": k,
+            "values": c.array("values", values, "float64", values.shape, writable=True),
+            "positions": c.array("positions", positions, "int32", (len(rows), k, k)),
+            "rows": c.array("rows", rows, "int32", rows.shape),
+            "matrix": A.handle,
+            "set_values": ctypes.cast(PETSC.MatSetValuesBlocked, ctypes.c_void_p).value,
+        },
+    )
+    add = function.applied("add_to_blocks", to, (k * size) ** 2)
 
     def assemble() -> None:
         error = add()
@@ -66,40 +75,12 @@ def block_assembly(
     return assemble
 
 
-def adding_to_blocks(
-    function: PreparedFunction,
-    c: CLibrary,
-    size: int,
-    values: Array,
-    positions: npt.NDArray[np.int32],
-    others: Mapping[str, Any] | None = None,
-) -> Callable[[], Any]:
-    """Return what adds a form's matrices of cells to blocks (b, size²), each column by column, at
-    the positions (cells, k, k) of each two nodes.  It returns PETSc's number of an error, or zero.
-    `others`: members of the C struct `block_matrix` for cells without positions; None: all have
-    some."""
-    node_count = positions.shape[1]
-    if others is None:
-        others = {"rows": c.ffi.NULL, "matrix": 0, "set_values": 0}
-    blocks = {
-        "size": size,
-        "node_count": node_count,
-        "values": c.array("values", values, "float64", values.shape, writable=True),
-        "positions": c.array("positions", positions, "int32", positions.shape),
-    }
-    to = c.struct("block_matrix", {**blocks, **others})
-    return function.applied("add_to_blocks", to, (node_count * size) ** 2)
-
-
 def block_entry(
-    A: PETSc.Mat,
-    rows: npt.NDArray[np.int64],
-    columns: npt.NDArray[np.int64],
-    blocks: Array,
+    A: PETSc.Mat, rows: Keys, columns: Keys, blocks: Array
 ) -> Callable[[], None] | None:
     """Return what adds the present values of `blocks` (b, 9), each column by column, to a matrix of
-    fixed pattern that is assembled, at their block rows and block columns (b,); None: PETSc does
-    not store it on one rank in blocks of three."""
+    fixed pattern that is assembled, at block rows and columns (b,); None: PETSc does not store it
+    on one rank in blocks of three."""
     if A.getType() != "seqbaij" or A.getBlockSize() != 3:
         return None
     keys = rows * (A.getSize()[0] // 3) + columns
@@ -108,9 +89,9 @@ def block_entry(
     c = c_library(HEADER)
     add = partial(
         c.lib.add_at_positions,
-        c.array("blocks", blocks, "float64", (len(rows), 9)),
-        c.array("positions", positions, "int32", (len(rows),)),
-        len(rows),
+        c.array("blocks", blocks, "float64", (len(keys), 9)),
+        c.array("positions", positions, "int32", (len(keys),)),
+        len(keys),
         c.array("values", values, "float64", values.shape, writable=True),
     )
 
@@ -140,13 +121,13 @@ def stored_blocks(matrix: PETSc.Mat) -> Array:
     return np.frombuffer((ctypes.c_double * count).from_address(address.value)).reshape(-1, size)
 
 
-def block_keys(matrix: PETSc.Mat) -> npt.NDArray[np.int64]:
-    """Keys (k,) of the stored blocks of an assembled square matrix on one rank: block row times the
-    number of block rows, plus block column.  They rise, as PETSc sorts the columns of a row."""
+def block_keys(matrix: PETSc.Mat) -> Keys:
+    """Keys (k,) of the stored blocks of an assembled square matrix on one rank.  They rise, as PETSc
+    sorts the columns of a row."""
     starts, columns = matrix.getRowIJ(compressed=True)
     count = len(starts) - 1
     of_row = np.repeat(np.arange(count, dtype=np.int64), np.diff(starts))
-    keys: npt.NDArray[np.int64] = of_row * count + columns
+    keys: Keys = of_row * count + columns
     return keys
 
 

@@ -37,11 +37,11 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.algebra.block_entries import adding_to_blocks
 from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.core.algebra.point_measures import FixedBlocks, Gather
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
+from gossamer_fx.core.forms.cell_loops import HEADER as CELLS_HEADER
 from gossamer_fx.core.forms.cell_loops import CellValues, PreparedFunction, prepared_integral
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
@@ -276,28 +276,42 @@ class ChamberSurfaces:
         first = (chamber_of[part] * len(self._end)).astype(np.int32)
         rows = np.concatenate(unknowns) + first[:, :, None]
 
-        def prepared(compiled: fem.Form) -> tuple[PreparedFunction, CLibrary]:
+        library = c_library(CELLS_HEADER, system.comm)
+
+        def prepared(compiled: fem.Form) -> PreparedFunction:
             found = prepared_integral(compiled, np.concatenate(cells), in_place_of)
             assert found is not None
-            return found[0], found[1].library
+            return found[0]
 
         def adding(compiled: fem.Form, gradients: Array) -> Callable[[], Any]:
             """Return what adds a linear form to the gradients of all chambers."""
-            function, library = prepared(compiled)
             to = CellValues(gradients.reshape(-1, 1), rows.reshape(len(part), -1))
-            return function.applied("add_in_cells", to.struct(library), to.width)
+            return prepared(compiled).applied("add_in_cells", to.struct(library), to.width)
 
         at_end = compile_form(flux(at.q1))
         acting = at_end if system.rule.acts_at_end else compile_form(flux(at.mid))
         tangent = compile_form(ufl.derivative(-flux(at.mid), at.q1, at.dq))
-        positions = np.concatenate(blocks)
+        pairs = np.concatenate(blocks)
+        # Shares of nodes of other ranks are in these blocks, too.
+        of_pairs = library.struct(
+            "block_matrix",
+            {
+                "size": 3,
+                "node_count": pairs.shape[1],
+                "values": library.array("blocks", self._blocks, "float64", self._blocks.shape),
+                "positions": library.array("pairs", pairs, "int32", pairs.shape),
+                "rows": library.ffi.NULL,
+                "matrix": 0,
+                "set_values": 0,
+            },
+        )
         return FilmParts(
             factors,
             chamber_of,
             np.array(signs),
             adding(at_end, self._at_end),
             adding(acting, self._at_mid),
-            adding_to_blocks(*prepared(tangent), 3, self._blocks, positions),
+            prepared(tangent).applied("add_to_blocks", of_pairs, (3 * pairs.shape[1]) ** 2),
         )
 
     def _surfaces_for_kernel(self) -> CStruct:
