@@ -25,8 +25,8 @@ from gossamer_fx.core.model.body import Array
 # The library to which petsc4py is linked, for C functions that it does not offer.
 PETSC = ctypes.CDLL(PETSc.__file__)
 
-# Of blocks: block row times the number of block rows, plus block column.
-type Keys = npt.NDArray[np.int64]
+# Rows or columns of a matrix, or keys of its blocks (n,).
+type Numbers = npt.NDArray[np.int64]
 
 
 def block_assembly(
@@ -76,7 +76,7 @@ def block_assembly(
 
 
 def block_entry(
-    A: PETSc.Mat, rows: Keys, columns: Keys, blocks: Array
+    A: PETSc.Mat, rows: Numbers, columns: Numbers, blocks: Array
 ) -> Callable[[], None] | None:
     """Return what adds the present values of `blocks` (b, 9), each column by column, to a matrix of
     fixed pattern that is assembled, at block rows and columns (b,); None: PETSc does not store it
@@ -121,13 +121,13 @@ def stored_blocks(matrix: PETSc.Mat) -> Array:
     return np.frombuffer((ctypes.c_double * count).from_address(address.value)).reshape(-1, size)
 
 
-def block_keys(matrix: PETSc.Mat) -> Keys:
-    """Keys (k,) of the stored blocks of an assembled square matrix on one rank.  They rise, as PETSc
-    sorts the columns of a row."""
+def block_keys(matrix: PETSc.Mat) -> Numbers:
+    """Keys (k,) of the stored blocks of an assembled square matrix on one rank: block row times the
+    number of block rows, plus block column.  They rise, as PETSc sorts the columns of a row."""
     starts, columns = matrix.getRowIJ(compressed=True)
     count = len(starts) - 1
     of_row = np.repeat(np.arange(count, dtype=np.int64), np.diff(starts))
-    keys: Keys = of_row * count + columns
+    keys: Numbers = of_row * count + columns
     return keys
 
 

@@ -281,10 +281,10 @@ class BorderedPreconditioner:
         column = self._operator.composite.fields
         self._Z = np.empty(G.values.shape)
         self._solved = G.nonzero
-        for values, solution in zip(G.values, self._Z, strict=True):
+        for k, values in enumerate(G.values):
             column.array[:] = values
             self._sparse.apply(column, self._out)
-            solution[:] = self._out.array_r
+            self._Z[k] = self._out.array_r
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (δz, δy) for residuals x = (r, s) by block elimination; called by PETSc.
