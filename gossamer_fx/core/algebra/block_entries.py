@@ -79,27 +79,21 @@ def block_entry(
     A: PETSc.Mat, rows: Numbers, columns: Numbers, blocks: Array
 ) -> Callable[[], None] | None:
     """Return what adds the present values of `blocks` (b, 9), each column by column, to a matrix of
-    fixed pattern that is assembled, at block rows and columns (b,); None: PETSc does not store it
-    on one rank in blocks of three."""
+    fixed pattern that is assembled, at block rows and columns (b,), so that its state has to be
+    increased; None: PETSc does not store it on one rank in blocks of three."""
     if A.getType() != "seqbaij" or A.getBlockSize() != 3:
         return None
     keys = rows * (A.getSize()[0] // 3) + columns
     positions = block_keys(A).searchsorted(keys).astype(np.int32)
     values = stored_blocks(A)
     c = c_library(HEADER)
-    add = partial(
+    return partial(
         c.lib.add_at_positions,
         c.array("blocks", blocks, "float64", (len(keys), 9)),
         c.array("positions", positions, "int32", (len(keys),)),
         len(keys),
         c.array("values", values, "float64", values.shape, writable=True),
     )
-
-    def enter() -> None:
-        add()
-        A.stateIncrease()
-
-    return enter
 
 
 def stored_blocks(matrix: PETSc.Mat) -> Array:

@@ -429,6 +429,7 @@ class FixedBlocks:
                 self._enter = block_entry(A, self._rows // 3, self._columns // 3, self._blocks)
         if self._enter is not None:
             self._enter()
+            A.stateIncrease()
             return
         blocks = self._blocks.reshape(-1, 3, 3).transpose(0, 2, 1)
         # A matrix whose own blocks have this size takes them as they are, by their numbers.

@@ -69,22 +69,16 @@ class CompiledEnclosure(Protocol):
         evaluated again afterwards."""
         ...
 
-    # Gradients [m²] until the next `Geometry.follow`, which are only read.
+    # G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only, until the next `Geometry.follow`.
 
     @property
-    def at_middle(self) -> Array:
-        """G(q_mid), which times the pressure is the force."""
-        ...
+    def at_middle(self) -> Array: ...
 
     @property
-    def of_volume(self) -> Array:
-        """∂V/∂q1."""
-        ...
+    def of_volume(self) -> Array: ...
 
     @property
-    def of_swept(self) -> Array:
-        """∂W/∂q1."""
-        ...
+    def of_swept(self) -> Array: ...
 
 
 @runtime_checkable

@@ -101,16 +101,14 @@ class Composite:
             size += self.scalars
         return PETSc.Vec().createMPI((size, None), comm=self.comm)
 
-    def join(self, z: PETSc.Vec | None, y: Array, x: PETSc.Vec) -> None:
-        """Set x = (z, y) from coordinates z [m], None to keep those of x, and scalar unknowns y
-        (m,), e.g. pressures [Pa], of which those of rank 0 count."""
+    def join(self, z: PETSc.Vec, y: Array, x: PETSc.Vec) -> None:
+        """Set x = (z, y) from coordinates z [m] and scalar unknowns y (m,), e.g. pressures [Pa], of
+        which those of rank 0 count."""
         if not self.scalars:
-            if z is not None:
-                z.copy(x)
+            z.copy(x)
             return
         values = x.array
-        if z is not None:
-            values[: self.n] = z.array_r
+        values[: self.n] = z.array_r
         if self.comm.rank == 0:
             values[self.n :] = y
 
@@ -131,32 +129,14 @@ class Composite:
         return self.fields, y
 
 
-class Columns:
-    """The columns (n,) of a matrix (n, m) of which some are zero, given as None; n counts the
-    unknowns of this rank.  `count` is m, `nonzero` has the indices of the k columns that are not
-    zero, and `values` (k, n) these columns as rows."""
-
-    def __init__(self, columns: list[Array | None]) -> None:
-        self.count = len(columns)
-        self.nonzero = [k for k, column in enumerate(columns) if column is not None]
-        self.values: Array = np.array([columns[k] for k in self.nonzero])
-
-    def products(self, z: Array) -> Array:
-        """Product (m,) of each column with z (n,), or products (m, k) with k vectors z (k, n)."""
-        shape = (self.count, *z.shape[:-1])
-        result = np.zeros(shape)
-        if self.nonzero:
-            result[self.nonzero] = self.values @ z.T
-        return result
-
-    def add(self, z: PETSc.Vec, weights: Array) -> None:
-        """Add the sum of weights[k] columns[k] to z."""
-        if self.nonzero:
-            z.array[:] += weights[self.nonzero] @ self.values
-
-
 class Bordered:
-    """The operator of (1), as PETSc's Python matrix."""
+    """The operator of (1), as PETSc's Python matrix.
+
+    Attributes:
+        G, H: those columns that are not zero, as rows (k, n), where n counts this rank's unknowns.
+        of_G, of_H: their indices (k,) among all m columns.
+        C: (m, m).
+    """
 
     def __init__(self, composite: Composite, A: Tangent) -> None:
         self.composite = composite
@@ -165,13 +145,17 @@ class Bordered:
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
         """Set G and H, by this rank's parts (n,) of their columns (None: zero), and C (m, m)."""
-        self.G = Columns(G)
-        self.H = Columns(H)
+        self.of_G = [k for k, column in enumerate(G) if column is not None]
+        self.of_H = [k for k, column in enumerate(H) if column is not None]
+        self.G: Array = np.array([G[k] for k in self.of_G])
+        self.H: Array = np.array([H[k] for k in self.of_H])
         self.C = C
 
     def rows(self, z: Array) -> Array:
         """Hᵀ z, summed over the ranks: (m,) for z (n,), or (m, k) for k vectors z (k, n)."""
-        total = self.H.products(z)
+        total = np.zeros((len(self.C), *z.shape[:-1]))
+        if self.of_H:
+            total[self.of_H] = self.H @ z.T
         if self.composite.comm.size > 1:
             self.composite.comm.Allreduce(MPI.IN_PLACE, total)
         return total
@@ -180,7 +164,8 @@ class Bordered:
         """Set out = the matrix of (1) times x; called by PETSc."""
         z, y = self.composite.split(x)
         self.A.mult(z, self._out)
-        self.G.add(self._out, y)
+        if self.of_G:
+            self._out.array[:] += y[self.of_G] @ self.G
         self.composite.join(self._out, self.rows(z.array_r) + self.C @ y, out)
 
 
@@ -279,9 +264,9 @@ class BorderedPreconditioner:
         Collective."""
         G = self._operator.G
         column = self._operator.composite.fields
-        self._Z = np.empty(G.values.shape)
-        self._solved = G.nonzero
-        for k, values in enumerate(G.values):
+        self._Z = np.empty(G.shape)
+        self._solved = self._operator.of_G
+        for k, values in enumerate(G):
             column.array[:] = values
             self._sparse.apply(column, self._out)
             self._Z[k] = self._out.array_r
