@@ -215,8 +215,7 @@ class Energy:
         with by_position as values:
             for gas in chambers_of(system):
                 if gas.enclosure is not None:
-                    _, of_volume, _ = gas.enclosure.gradients()
-                    values += gas.pressure * gas.heat_factor * of_volume
+                    values += gas.pressure * gas.heat_factor * gas.enclosure.of_volume
         momenta = system.numbering.vector()
         system.M.mult(system.v0, momenta)
         by_velocity.axpy(1.0, momenta)

@@ -196,7 +196,7 @@ class StaticGradients(StaticAdjoint):
         if not (self._gas and isinstance(objective, ScalarObjective)):
             return
         system = self._system
-        by_scalars = np.zeros(sum(scalars.size for scalars in system.scalar_unknowns))
+        by_scalars = np.zeros(system.scalar_count)
         objective.add_scalar_derivative(system, by_scalars)
         enclosed = [k for k, gas in enumerate(chambers_of(system)) if gas.enclosure is not None]
         for k, (gradient, stiffness) in zip(enclosed, self._gas, strict=True):

@@ -11,17 +11,22 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.core.forms.cell_loops import prepared_integral
+from gossamer_fx.core.forms.c_source import c_library
+from gossamer_fx.core.forms.cell_loops import HEADER, prepared_integral
 from gossamer_fx.core.model.body import Array
 
 # The library to which petsc4py is linked, for C functions that it does not offer.
 PETSC = ctypes.CDLL(PETSc.__file__)
+
+# Rows or columns of a matrix, or keys of its blocks (n,).
+type Numbers = npt.NDArray[np.int64]
 
 
 def block_assembly(
@@ -70,6 +75,27 @@ def block_assembly(
     return assemble
 
 
+def block_entry(
+    A: PETSc.Mat, rows: Numbers, columns: Numbers, blocks: Array
+) -> Callable[[], None] | None:
+    """Return what adds the present values of `blocks` (b, 9), each column by column, to a matrix of
+    fixed pattern that is assembled, at block rows and columns (b,), so that its state has to be
+    increased; None: PETSc does not store it on one rank in blocks of three."""
+    if A.getType() != "seqbaij" or A.getBlockSize() != 3:
+        return None
+    keys = rows * (A.getSize()[0] // 3) + columns
+    positions = block_keys(A).searchsorted(keys).astype(np.int32)
+    values = stored_blocks(A)
+    c = c_library(HEADER)
+    return partial(
+        c.lib.add_at_positions,
+        c.array("blocks", blocks, "float64", (len(keys), 9)),
+        c.array("positions", positions, "int32", (len(keys),)),
+        len(keys),
+        c.array("values", values, "float64", values.shape, writable=True),
+    )
+
+
 def stored_blocks(matrix: PETSc.Mat) -> Array:
     """The stored blocks (k, size²) of an assembled matrix on one rank, in the order of rows and
     columns, each block column by column.
@@ -89,13 +115,13 @@ def stored_blocks(matrix: PETSc.Mat) -> Array:
     return np.frombuffer((ctypes.c_double * count).from_address(address.value)).reshape(-1, size)
 
 
-def block_keys(matrix: PETSc.Mat) -> npt.NDArray[np.int64]:
+def block_keys(matrix: PETSc.Mat) -> Numbers:
     """Keys (k,) of the stored blocks of an assembled square matrix on one rank: block row times the
     number of block rows, plus block column.  They rise, as PETSc sorts the columns of a row."""
     starts, columns = matrix.getRowIJ(compressed=True)
     count = len(starts) - 1
     of_row = np.repeat(np.arange(count, dtype=np.int64), np.diff(starts))
-    keys: npt.NDArray[np.int64] = of_row * count + columns
+    keys: Numbers = of_row * count + columns
     return keys
 
 

@@ -17,7 +17,7 @@ Sizes in this file:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.block_entries import Numbers, block_entry
 from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.model.body import Array, Attached, Body, Ground, Port
@@ -406,29 +407,41 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
 class FixedBlocks:
     """Blocks of three rows and columns at fixed positions of a matrix, entered in one call."""
 
-    def __init__(self, numbering: Numbering, rows: GlobalIndices, columns: GlobalIndices) -> None:
-        """`rows` and `columns` (b,) are the global indices at which the blocks begin, in ascending
-        order of the rows."""
-        # A matrix whose own blocks have this size takes them as they are, by their numbers.
-        self._has_blocks = numbering.block_size == 3
-        if self._has_blocks:
-            block_rows, counts = np.unique(rows // 3, return_counts=True)
-            self._rows = block_rows.astype(PETSc.IntType)
-            self._starts = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
-            self._columns = (columns // 3).astype(PETSc.IntType)
-        else:
-            self._rows = (rows[:, None] + np.arange(3)).astype(PETSc.IntType)
-            self._columns = (columns[:, None] + np.arange(3)).astype(PETSc.IntType)
+    def __init__(
+        self, numbering: Numbering, rows: Numbers, columns: Numbers, blocks: Array
+    ) -> None:
+        """Take the array of the blocks (b, 9), each column by column, whose values may change, and
+        the global indices `rows` and `columns` (b,) at which they begin."""
+        self._numbering = numbering
+        self._rows = rows
+        self._columns = columns
+        self._blocks = blocks
+        # The last matrix of `add`, and what adds to it if it is on one rank and of fixed pattern.
+        self._matrix: PETSc.Mat | None = None
+        self._enter: Callable[[], None] | None = None
 
-    def add(self, A: PETSc.Mat, blocks: Array) -> None:
-        """Add the blocks (b, 3, 3) to a matrix, which is not assembled afterwards."""
-        if self._has_blocks:
+    def add(self, A: PETSc.Mat) -> None:
+        """Add the blocks to a matrix, which is not assembled afterwards."""
+        if A is not self._matrix:
+            self._matrix = A
+            self._enter = None
+            if A is self._numbering.fixed:
+                self._enter = block_entry(A, self._rows // 3, self._columns // 3, self._blocks)
+        if self._enter is not None:
+            self._enter()
+            A.stateIncrease()
+            return
+        blocks = self._blocks.reshape(-1, 3, 3).transpose(0, 2, 1)
+        # A matrix whose own blocks have this size takes them as they are, by their numbers.
+        if self._numbering.block_size == 3:
             A.setValuesBlockedIJV(
-                self._starts,
-                self._columns,
+                np.arange(len(blocks) + 1, dtype=PETSc.IntType),
+                (self._columns // 3).astype(PETSc.IntType),
                 blocks.ravel(),
                 addv=PETSc.InsertMode.ADD_VALUES,
-                rowmap=self._rows,
+                rowmap=(self._rows // 3).astype(PETSc.IntType),
             )
         else:
-            add_blocks(A, self._rows, self._columns, blocks)
+            of_three = np.arange(3)
+            rows = self._rows[:, None] + of_three
+            add_blocks(A, rows, self._columns[:, None] + of_three, blocks)

@@ -132,3 +132,10 @@ int add_to_blocks(const cell_function *f, const cell_set *cells, const block_mat
     }
     return 0;
 }
+
+void add_at_positions(const double *blocks, const int32_t *positions, ptrdiff_t count,
+                      double *matrix)
+{
+    for (ptrdiff_t k = 0; k < count; k++)
+        for (int i = 0; i < 9; i++) matrix[positions[k] * (ptrdiff_t)9 + i] += blocks[9 * k + i];
+}

@@ -67,4 +67,8 @@ typedef struct {
 int add_to_blocks(const cell_function *f, const cell_set *cells, const block_matrix *to,
                   double *work);
 
+/* Add blocks (count, 3, 3) to those of a matrix (blocks, 3, 3) at some positions (count). */
+void add_at_positions(const double *blocks, const int32_t *positions, ptrdiff_t count,
+                      double *matrix);
+
 #endif

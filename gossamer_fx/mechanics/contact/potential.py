@@ -195,6 +195,7 @@ class PairEvaluation:
         by_pair, tangents_by_pair: whether forces and tangents of each pair are wanted.
 
     Attributes:
+        pairs: that are evaluated.
         state: of each pair (n,), a `PairState`; each call overwrites this array and the next ones.
         forces: on the four points of each pair (n, 12) [N], or None.
         tangents: their derivatives (n, 144) [N/m] by the end of the step, or None.
@@ -222,7 +223,7 @@ class PairEvaluation:
         # What is None is not computed: C gets a null pointer for it.
         self.forces = np.empty((count, 12)) if by_pair else None
         self.tangents = np.empty((count, 144)) if tangents_by_pair else None
-        self._pairs = pairs
+        self.pairs = pairs
         self._is_state = acts_at_end(alpha)
         # In statics the force is the gradient at the end, whose closest points it needs.
         self._needs_start = pairs.start is None or self._is_state
@@ -272,14 +273,13 @@ class PairEvaluation:
         `geometric_share`: of the geometric stiffness in tangents [-], which may make them
         indefinite.  `is_known`: whether states are those of an earlier call for this step.
         """
-        # Most contacts have no obstacles, or touch none of them.
         if not self.state.size:
             return
         self._x0[:] = x0
         self._x1[:] = x1
         if self._needs_start:
             base = self._x1 if self._is_state else self._x0
-            self._start[:] = pair_starts(self._pairs, base, *closest_points(self._pairs, base))
+            self._start[:] = pair_starts(self.pairs, base, *closest_points(self.pairs, base))
         step = self._step.pointer
         step.geometric_share = geometric_share
         step.push_back = push_back

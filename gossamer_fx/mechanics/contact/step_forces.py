@@ -21,7 +21,6 @@ from gossamer_fx.mechanics.contact.active_set import between_bodies
 from gossamer_fx.mechanics.contact.assembly import BlockAssembly
 from gossamer_fx.mechanics.contact.contract import (
     Array,
-    ByteArray,
     ContactAssembly,
     Int32Array,
     Int64Array,
@@ -71,14 +70,16 @@ class StepForces:
         self._is_reversed = False
         # Points (m, 3) at the end of the step at the last residual; None before the first one.
         self._last_end: Array | None = None
-        self._states: list[ByteArray] = []
+        # What evaluates forces and tangents of pairs between bodies, and of pairs with obstacles.
+        self._forces: list[PairEvaluation] = []
+        self._tangents: list[PairEvaluation] = []
         self.point_forces: Array = np.zeros((0, 3))
         self.clear()
 
     @property
     def acting_count(self) -> int:
         """Number of pairs with a force at the last residual."""
-        return sum(np.count_nonzero(state) for state in self._states)
+        return sum(np.count_nonzero(forces.state) for forces in self._forces)
 
     def clear(self) -> None:
         """Set the forces to zero, with a row for each point that this rank knows."""
@@ -140,16 +141,18 @@ class StepForces:
         blocks = self.assembly.blocks
         of_bodies: dict[str, Any] = {"block_index": self._body_blocks, "blocks": blocks}
         of_obstacles: dict[str, Any] = {"tangents_by_pair": True}
-        self._forces: list[PairEvaluation] = []
-        self._tangents: list[PairEvaluation] = []
+        self._forces = []
+        self._tangents = []
         kinds = ((self._body_pairs, of_bodies), (self._obstacle_pairs, of_obstacles))
         for pairs, wanted in kinds:
+            # Most contacts have no obstacles, or touch none of them.
+            if not len(pairs):
+                continue
             of_pairs = partial(PairEvaluation, pairs, count, self._law, self._alpha)
             forces = of_pairs(point_forces=self.point_forces)
             self._forces.append(forces)
+            # Tangents need what each pair does at the last residual, too.
             self._tangents.append(of_pairs(state=forces.state, **wanted))
-        # What each pair does at the last residual, which tangents need, too
-        self._states = [forces.state for forces in self._forces]
 
     def compute(self, x0: Array, x1: Array) -> None:
         """Compute the forces of this rank's pairs, with friction, and note what each pair does.
@@ -177,9 +180,8 @@ class StepForces:
                 geometric_share=self._system.geometric,
                 is_known=is_known,
             )
-        # Without obstacles the arrays of pairs and weights would be empty.
-        if self._states[1].size:
-            self._add_through_block_rows(np.asarray(self._tangents[1].tangents))
+            if tangents.tangents is not None:
+                self._add_through_block_rows(tangents.tangents)
         self._last_end = x1
         if self.friction is not None and not self._is_reversed:
             self.friction.add_tangents(x0, x1, blocks)
@@ -199,15 +201,14 @@ class StepForces:
 
     def identifiers_of_passed(self, x0: Array, x1: Array) -> Int64Array:
         """Return the identifiers (k,) of contact pairs that passed through each other in a step."""
-        tables = (self._body_pairs, self._obstacle_pairs)
-        # What the last residual found, unless the end has moved since.
-        states = self._states
-        if not self._knows_states_at(x1):
-            states = [evaluate(pairs, x0, x1, self._law, self._alpha).state for pairs in tables]
-        passed = [
-            pairs.identifier[state == PairState.PASSED]
-            for pairs, state in zip(tables, states, strict=True)
-        ]
+        # What the last residual found serves, unless the end has moved since.
+        is_known = self._knows_states_at(x1)
+        passed = [np.zeros(0, dtype=np.int64)]
+        for forces in self._forces:
+            state = forces.state
+            if not is_known:
+                state = evaluate(forces.pairs, x0, x1, self._law, self._alpha).state
+            passed.append(forces.pairs.identifier[state == PairState.PASSED])
         return np.concatenate(passed)
 
     def _knows_states_at(self, x1: Array) -> bool:

@@ -257,8 +257,7 @@ class GasAdjoint:
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
                 continue
-            at_middle, _, _ = state.enclosure.gradients()
-            work = float(self._comm.allreduce(float(at_middle @ μ)))
+            work = float(self._comm.allreduce(float(state.enclosure.at_middle @ μ)))
             by_start[k] += work / 2
             if state.chamber.outside is not None:
                 # The pressure outside acts on the film, too, against that of the gas.
@@ -333,9 +332,8 @@ class GasAdjoint:
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
                 continue
-            _, of_volume, of_swept = state.enclosure.gradients()
-            by_position -= self._to_volumes[k] * of_volume
-            by_position += self._to_swept[k] * of_swept
+            by_position -= self._to_volumes[k] * state.enclosure.of_volume
+            by_position += self._to_swept[k] * state.enclosure.of_swept
         for area, gradient, factor in self._to_areas:
             area.add_own(by_position, factor * gradient)
             area.add_own(by_velocity, self._h / 2 * factor * gradient)
@@ -367,8 +365,7 @@ class GasAdjoint:
             self._add(chamber, _volume_name(chamber), by_amount / state.volume)
             self._add_fractions(state, by_masses)
             if state.enclosure is not None:
-                _, of_volume, _ = state.enclosure.gradients()
-                by_position += by_amount / state.volume * of_volume
+                by_position += by_amount / state.volume * state.enclosure.of_volume
 
     def _add_fractions(self, state: ChamberState, by_masses: Array) -> None:
         """Add the derivatives by the mass fractions of a mixture at given pressure, volume and

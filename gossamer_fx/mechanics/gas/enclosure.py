@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -69,9 +69,16 @@ class CompiledEnclosure(Protocol):
         evaluated again afterwards."""
         ...
 
-    def gradients(self) -> tuple[Array, Array, Array]:
-        """G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only, until the next `Geometry.follow`."""
-        ...
+    # G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only, until the next `Geometry.follow`.
+
+    @property
+    def at_middle(self) -> Array: ...
+
+    @property
+    def of_volume(self) -> Array: ...
+
+    @property
+    def of_swept(self) -> Array: ...
 
 
 @runtime_checkable
@@ -252,7 +259,6 @@ class CompiledSurface:
         """Add the chamber to the surfaces of the scene, which are evaluated together."""
         self._surfaces = surfaces
         self._index = surfaces.add(sides)
-        self.gradients = partial(surfaces.gradients, self._index)
 
     # Made when they are first asked for: the surfaces are compiled after all chambers are added.
 
@@ -263,6 +269,18 @@ class CompiledSurface:
     @cached_property
     def pressure(self) -> Array:
         return self._surfaces.pressures[self._index : self._index + 1]
+
+    @cached_property
+    def at_middle(self) -> Array:
+        return self._surfaces.at_middle[self._index]
+
+    @cached_property
+    def of_volume(self) -> Array:
+        return self._surfaces.at_end[self._index]
+
+    @property
+    def of_swept(self) -> Array:
+        return self._surfaces.of_swept(self._index)
 
     def start(self) -> None:
         """Choose the sign of the volume, so that a surface with inward normals encloses a positive
@@ -345,6 +363,7 @@ class _CompiledPiston:
         mine = (indices >= start) & (indices < end)
         self._gradient = np.zeros(end - start)
         np.add.at(self._gradient, indices[mine] - start, entries[mine])
+        self.at_middle = self.of_volume = self.of_swept = self._gradient
         self._piston = piston
         self._origin = 0.0
         self.pressure = np.zeros(1)
@@ -369,9 +388,6 @@ class _CompiledPiston:
     def add_forces(self, values: Array) -> None:
         # G is constant: the tangent has no share, as the force depends on the pressure only.
         values -= self.pressure * self._gradient
-
-    def gradients(self) -> tuple[Array, Array, Array]:
-        return self._gradient, self._gradient, self._gradient
 
     def accept(self) -> None:
         # `follow` reads q0 from the system: there is nothing to store.

@@ -208,8 +208,8 @@ class GasNetwork(ScalarUnknowns):
                 # γ of the mixture
                 exponent += 1 / state.heat_factor
             if state.enclosure is not None:
-                _, of_volume, _ = state.enclosure.gradients()
-                found.append((of_volume.copy(), exponent * state.pressure / state.volume))
+                gradient = state.enclosure.of_volume.copy()
+                found.append((gradient, exponent * state.pressure / state.volume))
         return found
 
     # ---- scalar unknowns: a step -----------------------------------------------------------------
@@ -308,8 +308,11 @@ class GasNetwork(ScalarUnknowns):
 
     def force_square(self) -> float:
         """Of the pressures inside: those outside are nearly as large where a chamber is in air."""
-        forces = [self.y[k] * enclosure.gradients()[0] for k, enclosure in self._enclosures.items()]
-        return sum(float(force @ force) for force in forces)
+        square = 0.0
+        for k, enclosure in self._enclosures.items():
+            force = self.y[k] * enclosure.at_middle
+            square += float(force @ force)
+        return square
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Return the blocks of the Newton matrix by which the gas is coupled to the bodies: G are
@@ -322,14 +325,15 @@ class GasNetwork(ScalarUnknowns):
         if not self._enclosures:
             return G, H, C
         enclosed = list(self._enclosures)
-        gradients = [enclosure.gradients() for enclosure in self._enclosures.values()]
-        at_middle, of_volume, of_swept = zip(*gradients, strict=True)
+        enclosures = self._enclosures.values()
+        of_volume = [enclosure.of_volume for enclosure in enclosures]
+        of_swept = [enclosure.of_swept for enclosure in enclosures]
         # By the volumes V, then by the swept volumes W
         by_volumes = np.zeros((self.size, 2, len(enclosed)))
         by_volumes[:, 0] = by_V[:, enclosed]
         for i, k in enumerate(enclosed):
             # The pressure that acts has the weight α of the pressure at the end of the step.
-            G[k] = -self._alpha * at_middle[i]
+            G[k] = -self._alpha * self._enclosures[k].at_middle
             if self.balance.depends_on_swept_volume:
                 # ∂/∂W of p̄ W in the energy balance
                 by_volumes[k, 1, i] = (self.chambers[k].pressure + self.y[k]) / 2

@@ -80,15 +80,15 @@ void patches_sums(const gas_surfaces *all)
     }
 }
 
-/* Add the cross product with a vector, as a matrix, to a block (3, 3). */
+/* Add the cross product with a vector, as a matrix, to a block (3, 3), column by column. */
 static void add_cross_matrix(const double *a, double *block)
 {
-    block[1] -= a[2];
-    block[2] += a[1];
-    block[3] += a[2];
-    block[5] -= a[0];
-    block[6] -= a[1];
-    block[7] += a[0];
+    block[1] += a[2];
+    block[2] -= a[1];
+    block[3] -= a[2];
+    block[5] += a[0];
+    block[6] += a[1];
+    block[7] -= a[0];
 }
 
 /* Add the derivative of G of all patches of a kind by the positions x, times a scale, to the blocks

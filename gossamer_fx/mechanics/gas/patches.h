@@ -46,7 +46,7 @@ typedef struct {
     double *at_mid;            /* (c, u) gradients of the volumes there [m^2] */
     double *at_end;            /* (c, u) and at the end */
     double *sums;              /* (3, c) volume, sizes of the terms of three volumes, swept volume */
-    double *blocks;            /* (b, 3, 3) of the tangent [N/m] */
+    double *blocks;            /* (b, 3, 3) of the tangent [N/m], each column by column */
 } gas_surfaces;
 
 /* Set mid, and at_mid and at_end to the shares of this rank's patches. */

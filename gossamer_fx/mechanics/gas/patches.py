@@ -41,7 +41,8 @@ from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.core.algebra.point_measures import FixedBlocks, Gather
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
-from gossamer_fx.core.forms.cell_loops import CellValues, prepared_integral
+from gossamer_fx.core.forms.cell_loops import HEADER as CELLS_HEADER
+from gossamer_fx.core.forms.cell_loops import CellValues, PreparedFunction, prepared_integral
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array
@@ -115,6 +116,8 @@ class ChamberSurfaces:
         measures: three volumes of each chamber (3, chambers) [m³]: V_c at q1, of its sign; the sum
             of the sizes of the terms of G_c(q)·q, for round-off; and W_c, or V_c(q1) - V_c(q0) if
             forces act at the end of the step.
+        at_middle, at_end: this rank's parts of G_c (chambers, n) [m²] in the positions q̄ where
+            forces act, and at q1, where it is ∂V_c/∂q1.
     """
 
     def __init__(self, system: Assembly) -> None:
@@ -159,10 +162,10 @@ class ChamberSurfaces:
         keys, blocks = np.unique(
             np.concatenate([one.ravel() for one in pairs]), return_inverse=True
         )
-        self._entries = FixedBlocks(numbering, keys // numbering.size, keys % numbering.size)
-
         self._c = c_library(HEADER, system.comm)
         self._allocate(self._owned + 3 * len(ghosts), len(keys))
+        rows, columns = np.divmod(keys, numbering.size)
+        self._entries = FixedBlocks(numbering, rows, columns, self._blocks)
         ends = np.cumsum([one.size for one in pairs])[:-1]
         # The parts of each film: chamber, sign, triangles, unknowns, blocks
         parts: dict[Membrane, list[tuple[Any, ...]]] = {}
@@ -176,7 +179,7 @@ class ChamberSurfaces:
                 self._kinds.append(kind)
                 continue
             unknowns = local(indices)[:, :, None] + np.arange(3, dtype=np.int32)
-            part_of_film = (chamber, sign, part.cells, unknowns, _entries_of(numbers))
+            part_of_film = (chamber, sign, part.cells, unknowns, numbers)
             parts.setdefault(part.film, []).append(part_of_film)
         self._films = [self._film_for_kernel(film, some) for film, some in parts.items()]
         self._c_all = self._surfaces_for_kernel()
@@ -205,9 +208,12 @@ class ChamberSurfaces:
         self._at_mid = self._at_end
         if not self._system.rule.acts_at_end:
             self._at_mid = np.zeros((chambers, unknowns))
+        self.at_end = self._at_end[:, : self._owned]
+        self.at_middle = self._at_mid[:, : self._owned]
         self.measures = np.zeros((3, chambers))
         self._initial_volume = np.zeros(chambers)
-        self._blocks = np.zeros((blocks, 3, 3))
+        # Each column by column, as PETSc stores them
+        self._blocks = np.zeros((blocks, 9))
 
     def _kind_for_kernel(
         self,
@@ -249,7 +255,7 @@ class ChamberSurfaces:
     def _film_for_kernel(self, film: Membrane, parts: list[tuple[Any, ...]]) -> FilmParts:
         """Return the parts of a film with what evaluates them.  Collective."""
         system = self._system
-        chambers, signs, cells, unknowns, entries = zip(*parts, strict=True)
+        chambers, signs, cells, unknowns, blocks = zip(*parts, strict=True)
         at = system.coordinates[film]
         # One number in each triangle, in place of which that of the triangle's part is taken.
         factor = fem.Function(fem.functionspace(film.mesh.domain, ("DG", 0)))
@@ -270,26 +276,42 @@ class ChamberSurfaces:
         first = (chamber_of[part] * len(self._end)).astype(np.int32)
         rows = np.concatenate(unknowns) + first[:, :, None]
 
-        def adding(compiled: fem.Form, values: Array, rows: Any) -> Callable[[], Any]:
-            """Return what adds the numbers that a form has in each triangle to those of an array at
-            the rows of a triangle."""
-            prepared = prepared_integral(compiled, np.concatenate(cells), in_place_of)
-            assert prepared is not None
-            function, where, _ = prepared
-            flat = rows.reshape(len(part), int(np.prod(rows.shape[1:])))
-            to = CellValues(values.reshape(-1, 1), flat)
-            return function.applied("add_in_cells", to.struct(where.library), to.width)
+        library = c_library(CELLS_HEADER, system.comm)
+
+        def prepared(compiled: fem.Form) -> PreparedFunction:
+            found = prepared_integral(compiled, np.concatenate(cells), in_place_of)
+            assert found is not None
+            return found[0]
+
+        def adding(compiled: fem.Form, gradients: Array) -> Callable[[], Any]:
+            """Return what adds a linear form to the gradients of all chambers."""
+            to = CellValues(gradients.reshape(-1, 1), rows.reshape(len(part), -1))
+            return prepared(compiled).applied("add_in_cells", to.struct(library), to.width)
 
         at_end = compile_form(flux(at.q1))
         acting = at_end if system.rule.acts_at_end else compile_form(flux(at.mid))
         tangent = compile_form(ufl.derivative(-flux(at.mid), at.q1, at.dq))
+        pairs = np.concatenate(blocks)
+        # Shares of nodes of other ranks are in these blocks, too.
+        of_pairs = library.struct(
+            "block_matrix",
+            {
+                "size": 3,
+                "node_count": pairs.shape[1],
+                "values": library.array("blocks", self._blocks, "float64", self._blocks.shape),
+                "positions": library.array("pairs", pairs, "int32", pairs.shape),
+                "rows": library.ffi.NULL,
+                "matrix": 0,
+                "set_values": 0,
+            },
+        )
         return FilmParts(
             factors,
             chamber_of,
             np.array(signs),
-            adding(at_end, self._at_end, rows),
-            adding(acting, self._at_mid, rows),
-            adding(tangent, self._blocks, np.concatenate(entries)),
+            adding(at_end, self._at_end),
+            adding(acting, self._at_mid),
+            prepared(tangent).applied("add_to_blocks", of_pairs, (3 * pairs.shape[1]) ** 2),
         )
 
     def _surfaces_for_kernel(self) -> CStruct:
@@ -369,21 +391,17 @@ class ChamberSurfaces:
         self._at_start[:] = self._at_end
         self._initial_volume[:] = self.measures[0]
 
-    def gradients(self, c: int) -> tuple[Array, Array, Array]:
-        """Return this rank's parts of the gradients [m²] of chamber c until the next `follow`: G_c
-        = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the force; and
-        ∂V_c/∂q1 and ∂W_c/∂q1."""
-        at_mid = self._at_mid[c, : self._owned]
-        at_end = self._at_end[c, : self._owned]
+    def of_swept(self, c: int) -> Array:
+        """Return this rank's part of ∂W_c/∂q1 [m²], (4)."""
         if self._at_mid is self._at_end:
-            return at_mid, at_end, at_end
-        change = at_end - self._at_start[c, : self._owned]
-        return at_mid, at_end, at_mid + self._system.rule.alpha * change
+            return self.at_end[c]
+        change = self.at_end[c] - self._at_start[c, : self._owned]
+        return self.at_middle[c] + self._system.rule.alpha * change
 
     def add_forces(self, values: Array) -> None:
         """Subtract the forces of all chambers, pressure · G_c(q̄) [N], from the owned part of a
         residual."""
-        values -= self.pressures @ self._at_mid[:, : self._owned]
+        values -= self.pressures @ self.at_middle
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the derivative of the forces of all `pressures` [Pa] by the end of the step to the
@@ -393,11 +411,4 @@ class ChamberSurfaces:
         for film in self._films:
             film.factors[:, 0] = film.signs * forces[film.chambers]
             film.add_tangent()
-        self._entries.add(A, self._blocks)
-
-
-def _entries_of(blocks: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Positions (n, k, 3, k, 3) of the entries of triangles' matrices in blocks (b, 3, 3), from the
-    number of the block of each pair of nodes (n, k, k)."""
-    place = np.arange(9, dtype=np.int32).reshape(3, 1, 3)
-    return 9 * blocks[:, :, None, :, None] + place
+        self._entries.add(A)

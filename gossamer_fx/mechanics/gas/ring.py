@@ -358,14 +358,12 @@ def _strips(n: int, order: int) -> Indices:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return a × b over the last axis of two arrays of one shape; np.cross takes three times as
-    long for so few vectors."""
-    # Components x, y, z of a and of b, each of shape (...).
-    ax, ay, az = np.moveaxis(a, -1, 0)
-    bx, by, bz = np.moveaxis(b, -1, 0)
-    products = [
-        ay * bz - az * by,
-        az * bx - ax * bz,
-        ax * by - ay * bx,
-    ]
-    return np.stack(products, axis=-1)
+    """Return a × b over the last axis of two arrays (n, g, 3); np.cross takes three times as long
+    for so few vectors."""
+    ax, ay, az = a.transpose(2, 0, 1)
+    bx, by, bz = b.transpose(2, 0, 1)
+    product = np.empty(a.shape)
+    product[:, :, 0] = ay * bz - az * by
+    product[:, :, 1] = az * bx - ax * bz
+    product[:, :, 2] = ax * by - ay * bx
+    return product

@@ -174,10 +174,10 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             force.respond()
         for assemble in self._assemble:
             assemble()
-        with r as values:
-            for at, owned, b, array in self._vectors:
-                b.scatter_reverse(la.InsertMode.add)
-                at.add_forces(array, values[owned])
+        values = r.array
+        for at, owned, b, array in self._vectors:
+            b.scatter_reverse(la.InsertMode.add)
+            at.add_forces(array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         for force in self._stored:

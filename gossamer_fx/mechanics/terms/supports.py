@@ -129,9 +129,9 @@ class Supports(CompiledTerms["Support"]):
     def take(self, r: PETSc.Vec) -> None:
         """Take the reactions [N] from the rows of the residual r at held coordinates, and set these
         rows to zero."""
-        with r as values:
-            self.reactions = values[self.held]
-            values[self.held] = 0
+        values = r.array
+        self.reactions = values[self.held]
+        values[self.held] = 0
 
     def work(self, Δq: Array) -> float:
         """Work [J] that the moved supports supply in a step Δq, this rank's share."""

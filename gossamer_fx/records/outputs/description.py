@@ -54,9 +54,8 @@ def describe(run: StateView) -> Description:
             "mass": state.mass,
         }
     items = {item.name: type(item).__name__ for item in run.scene.items if not is_body(item)}
-    scalar_unknowns = sum(scalars.size for scalars in system.scalar_unknowns)
     return {
-        "unknowns": system.numbering.size + scalar_unknowns,
+        "unknowns": system.numbering.size + system.scalar_count,
         "ranks": run.comm.size,
         "bodies": bodies,
         "section frames": section_frames,

@@ -475,7 +475,7 @@ class Recording:
 
 def _mass_of(chamber: str, gas: Gas, run: StateView) -> float:
     """Mass [kg] of a species in a chamber, as a probe."""
-    return run.chamber(chamber).mass_of(gas)
+    return run.system.chamber(chamber).mass_of(gas)
 
 
 def _tension_columns(run: StateView, at: At) -> dict[str, Probe]:

@@ -164,7 +164,7 @@ class GasState:
         Raises:
             InputError: the chamber is not in the scene of the run.
         """
-        return float(getattr(run.chamber(self.chamber.name), self.quantity))
+        return float(getattr(run.system.chamber(self.chamber.name), self.quantity))
 
 
 @check_arguments

@@ -233,16 +233,14 @@ class StallRule:
 
     max_iterations: int
 
-    def has_stalled(
-        self, norms: Sequence[float], kept_shares: Sequence[float], small: float
-    ) -> bool:
-        """Judge an iteration by the norms [N] of the forces of all iterates, of which the first may
-        be round-off and does not count, and the shares of the lengths of the updates that contact
-        has left.  A residual below `small` [N] waits for the other parts of the test of
-        convergence."""
+    def has_stalled(self, test: ConvergenceTest, kept_shares: Sequence[float]) -> bool:
+        """Judge an iteration by the norms of the forces of all iterates, of which the first may be
+        round-off and does not count, and the shares of the lengths of the updates that contact has
+        left.  A residual that is small waits for the other parts of the test of convergence."""
+        norms = test.norms
         last = math.ceil(STALLED_SHARE * self.max_iterations)
         before = norms[1:-last]
-        if not before or norms[-1] <= small:
+        if not before or norms[-1] <= max(test.tolerance, test.round_off):
             return False
         # Bodies that turn far in a step need many shortened updates before the residual falls.
         if max(kept_shares[-last:], default=1.0) < STALLED_KEPT_SHARE:

@@ -297,8 +297,10 @@ def replace(pc: PETSc.PC, A: PETSc.Mat) -> None:
     factorisation 87 ms instead of 86 ms.
     """
     before = pc.getOperators()[0]
+    if A.handle == before.handle:
+        return
     pc.setOperators(A)
-    if A.handle != before.handle and pc.getFactorSolverType() == "mumps":
+    if pc.getFactorSolverType() == "mumps":
         # PETSc discards the factors with the old pattern; `renew` restores the workspace margin.
         renew(pc)
         pc.getFactorMatrix().setMumpsIcntl(ICNTL_ORDERING, ORDERING_BY_MINIMUM_FILL)

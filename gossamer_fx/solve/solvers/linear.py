@@ -101,16 +101,14 @@ class Composite:
             size += self.scalars
         return PETSc.Vec().createMPI((size, None), comm=self.comm)
 
-    def join(self, z: PETSc.Vec | None, y: Array, x: PETSc.Vec) -> None:
-        """Set x = (z, y) from coordinates z [m], None to keep those of x, and scalar unknowns y
-        (m,), e.g. pressures [Pa], of which those of rank 0 count."""
+    def join(self, z: PETSc.Vec, y: Array, x: PETSc.Vec) -> None:
+        """Set x = (z, y) from coordinates z [m] and scalar unknowns y (m,), e.g. pressures [Pa], of
+        which those of rank 0 count."""
         if not self.scalars:
-            if z is not None:
-                z.copy(x)
+            z.copy(x)
             return
         values = x.array
-        if z is not None:
-            values[: self.n] = z.array_r
+        values[: self.n] = z.array_r
         if self.comm.rank == 0:
             values[self.n :] = y
 
@@ -131,32 +129,14 @@ class Composite:
         return self.fields, y
 
 
-class Columns:
-    """The columns (n,) of a matrix (n, m) of which some are zero, given as None; n counts the
-    unknowns of this rank.  `count` is m, `nonzero` has the indices of the k columns that are not
-    zero, and `values` (k, n) these columns as rows."""
-
-    def __init__(self, columns: list[Array | None]) -> None:
-        self.count = len(columns)
-        self.nonzero = [k for k, column in enumerate(columns) if column is not None]
-        self.values: Array = np.array([columns[k] for k in self.nonzero])
-
-    def products(self, z: Array) -> Array:
-        """Product (m,) of each column with z (n,), or products (m, k) with k vectors z (k, n)."""
-        shape = (self.count, *z.shape[:-1])
-        result = np.zeros(shape)
-        if self.nonzero:
-            result[self.nonzero] = self.values @ z.T
-        return result
-
-    def add(self, z: PETSc.Vec, weights: Array) -> None:
-        """Add the sum of weights[k] columns[k] to z."""
-        if self.nonzero:
-            z.array[:] += weights[self.nonzero] @ self.values
-
-
 class Bordered:
-    """The operator of (1), as PETSc's Python matrix."""
+    """The operator of (1), as PETSc's Python matrix.
+
+    Attributes:
+        G, H: those columns that are not zero, as rows (k, n), where n counts this rank's unknowns.
+        of_G, of_H: their indices (k,) among all m columns.
+        C: (m, m).
+    """
 
     def __init__(self, composite: Composite, A: Tangent) -> None:
         self.composite = composite
@@ -165,13 +145,17 @@ class Bordered:
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
         """Set G and H, by this rank's parts (n,) of their columns (None: zero), and C (m, m)."""
-        self.G = Columns(G)
-        self.H = Columns(H)
+        self.of_G = [k for k, column in enumerate(G) if column is not None]
+        self.of_H = [k for k, column in enumerate(H) if column is not None]
+        self.G: Array = np.array([G[k] for k in self.of_G])
+        self.H: Array = np.array([H[k] for k in self.of_H])
         self.C = C
 
     def rows(self, z: Array) -> Array:
         """Hᵀ z, summed over the ranks: (m,) for z (n,), or (m, k) for k vectors z (k, n)."""
-        total = self.H.products(z)
+        total = np.zeros((len(self.C), *z.shape[:-1]))
+        if self.of_H:
+            total[self.of_H] = self.H @ z.T
         if self.composite.comm.size > 1:
             self.composite.comm.Allreduce(MPI.IN_PLACE, total)
         return total
@@ -180,7 +164,8 @@ class Bordered:
         """Set out = the matrix of (1) times x; called by PETSc."""
         z, y = self.composite.split(x)
         self.A.mult(z, self._out)
-        self.G.add(self._out, y)
+        if self.of_G:
+            self._out.array[:] += y[self.of_G] @ self.G
         self.composite.join(self._out, self.rows(z.array_r) + self.C @ y, out)
 
 
@@ -193,7 +178,9 @@ class BorderedPreconditioner:
         self._sparse = sparse
         self._system = system
         self._out = operator.composite.fields.duplicate()
-        self._Z = Columns([])
+        # Z as rows (k, n), and the indices of these columns among those of G.
+        self._Z: Array = np.zeros((0, 0))
+        self._solved: list[int] = []
         # The kind of a preconditioner does not change.
         self._is_exact = factorisation.is_exact(sparse)
         context = sparse.getPythonContext() if sparse.getType() == "python" else None
@@ -231,9 +218,8 @@ class BorderedPreconditioner:
             self._fresh_applications = self._applications
         self._applications = 0
         self._schur = operator.C.copy()
-        columns = self._Z.nonzero
-        if columns:
-            self._schur[:, columns] -= operator.rows(self._Z.values)
+        if self._solved:
+            self._schur[:, self._solved] -= operator.rows(self._Z)
 
     def recover(self) -> None:
         """Become usable again after a step that was not solved: another attempt of its length does
@@ -253,8 +239,12 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if self._keep_factors is not None and self._keep_factors():
-            return
+        if self._keep_factors is not None:
+            is_kept = self._keep_factors()
+            # Otherwise PETSc would set up at the next application, if its matrix is A.
+            self._sparse.setReusePreconditioner(is_kept)
+            if is_kept:
+                return
         if self._is_exact or self._is_marked("needs_couplings"):
             factorisation.replace(self._sparse, tangent.for_factorisation())
         elif self._needs_couplings and not self._is_marked("adds_couplings"):
@@ -272,14 +262,14 @@ class BorderedPreconditioner:
     def _solve_columns(self) -> None:
         """Compute Z = P⁻¹ G for the columns G (n, m) of the scalar unknowns that are not zero.
         Collective."""
-        operator = self._operator
-        column = operator.composite.fields
-        solved: list[Array | None] = [None] * operator.G.count
-        for k, values_of_column in zip(operator.G.nonzero, operator.G.values, strict=True):
-            column.array[:] = values_of_column
+        G = self._operator.G
+        column = self._operator.composite.fields
+        self._Z = np.empty(G.shape)
+        self._solved = self._operator.of_G
+        for k, values in enumerate(G):
+            column.array[:] = values
             self._sparse.apply(column, self._out)
-            solved[k] = self._out.array_r.copy()
-        self._Z = Columns(solved)
+            self._Z[k] = self._out.array_r
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (δz, δy) for residuals x = (r, s) by block elimination; called by PETSc.
@@ -291,7 +281,7 @@ class BorderedPreconditioner:
         """
         operator = self._operator
         # The flexible Krylov method allows another preconditioner within a solve.
-        if self._is_marked("is_outdated"):
+        if not self._is_exact and self._is_marked("is_outdated"):
             # PETSc does not set up for a matrix again unless it has changed.
             operator.A.A.stateIncrease()
             self._set_up_sparse(is_new_step=False)
@@ -305,7 +295,8 @@ class BorderedPreconditioner:
                 # The iteration has diverged.  PETSc detects NaN on all ranks, and the step is
                 # repeated.
                 δy[:] = np.nan
-        self._Z.add(self._out, -δy)
+        if self._solved:
+            self._out.array[:] -= δy[self._solved] @ self._Z
         operator.composite.join(self._out, δy, out)
 
 
@@ -335,7 +326,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         from gossamer_fx.solve.solvers import condensed_constraints
 
         # Scalar unknowns need a separate preconditioner.
-        is_alone = not any(scalars.size for scalars in system.scalar_unknowns)
+        is_alone = not system.scalar_count
         context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS, is_alone)
         if context is not None:
             _choose_gmres(ksp)

@@ -143,8 +143,7 @@ class Newton:
         self.linear_iterations = 0
         self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
 
-        self._scalar_count = sum(scalars.size for scalars in system.scalar_unknowns)
-        self._scalar_count += self.own_scalars
+        self._scalar_count = system.scalar_count + self.own_scalars
         # Vectors of the unknowns (w, y), of the residuals (r, s), and of (w, y) at the start of an
         # iteration.
         self._composite = linear.Composite(system.comm, system.q1, self._scalar_count)
@@ -259,8 +258,7 @@ class Newton:
         self._linearisation_point.scale(-1.0)
         self._fixed_values = self.system.predict(increment)
         self._r.zeroEntries()
-        with self._r as w:
-            w[self.system.supports.held] = self._fixed_values
+        self._r.array[self.system.supports.held] = self._fixed_values
         self._composite.join(self._r, y, self._x)
         self.iterations = 0
         self._iterate()
@@ -354,8 +352,7 @@ class Newton:
         self._has_update = math.isfinite(length)
         if not (self._has_update and self.system.active_sets):
             return False
-        with update as values:
-            self.system.limit_update(values[: self._composite.n])
+        self.system.limit_update(update.array[: self._composite.n])
         self._kept_shares.append(float(update.norm()) / max(length, factorisation.TINY))
         return True
 
@@ -467,7 +464,8 @@ class Newton:
             return int(reasons.DIVERGED_DTOL)
         if iteration >= self.tolerances.max_iterations:
             return int(reasons.DIVERGED_MAX_IT)
-        if self._has_stalled():
+        rule = self.stall_rule
+        if rule is not None and rule.has_stalled(test, self._kept_shares):
             return int(reasons.DIVERGED_LOCAL_MIN)
         return 0
 
@@ -480,13 +478,6 @@ class Newton:
         factors, until its residual is round-off.  Such steps are alike, so that what they leave
         adds up: 4000 steps of a free rigid body lost 2e-11 of its energy, and lose 1e-15."""
         return not self.system.rule.is_static and self._residual.imbalance > self.round_off
-
-    def _has_stalled(self) -> bool:
-        """Whether the iteration is given up."""
-        if self.stall_rule is None:
-            return False
-        small = max(self.convergence.tolerance, self.round_off)
-        return self.stall_rule.has_stalled(self.convergence.norms, self._kept_shares, small)
 
     def _stopping_force(self) -> float:
         """Norm [N] of the force that stops all motion within the step and reverses it."""

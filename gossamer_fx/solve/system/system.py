@@ -24,6 +24,7 @@ from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
+    CompiledTerms,
     Compiler,
     Differentiable,
     HistoryVariables,
@@ -114,7 +115,9 @@ class Increment:
         offset = 0.0 if self._offset is None else self._offset.array_r
         elastic = (diagonal.array_r - inertia) * q1.array_r
         inertial = inertia * (self._w.array_r + offset)
-        forces = np.stack([elastic, inertial])
+        forces: Array = np.empty((2, elastic.size))
+        forces[0] = elastic
+        forces[1] = inertial
         forces[:, self._supports.held] = 0.0
         square = float(np.vdot(forces, forces)) + other_square
         if self._comm.size > 1:
@@ -178,6 +181,7 @@ class System:
         compiled: the compiled kinds of terms, all of which take part in each step.
         constraints, active_sets, differentiable, shown: those of them with these facets.
         scalar_unknowns: gas networks and the like; the scene adds them before `initialise`.
+        scalar_count: number of all scalar unknowns.
         state: the accepted state.
         end: coordinates at the end of the step, as iterated; its velocities are those of the start.
         coordinates: of bodies on meshes, as functions for forms.
@@ -210,6 +214,9 @@ class System:
         self._items = items
         self.terms: list[Term] = [term for each in items for term in each.terms]
         self.scalar_unknowns: list[ScalarUnknowns] = []
+        # With their part of all of them.
+        self._scalar_parts: list[tuple[ScalarUnknowns, slice]] = []
+        self.scalar_count = 0
         self.recorders: list[Callable[[], None]] = []
         self.time = 0.0
         self.h = 1.0
@@ -275,6 +282,16 @@ class System:
         self.active_sets = self.compiled_as(ActiveSet)
         self.differentiable = self.compiled_as(Differentiable)
         self.shown = self.compiled_as(Shown)
+        # What an iteration asks; the other terms have nothing to do there.
+        self._updated = self._defining("update")
+        self._acting = self._defining("add_forces")
+        self._with_tangents = self._defining("add_tangents")
+        self._with_forms = self._defining("tangent_forms")
+
+    def _defining(self, method: str) -> list[CompiledTerms[Never]]:
+        """The compiled terms that define a method of the contract, whose default does nothing."""
+        default = getattr(CompiledTerms, method)
+        return [each for each in self.compiled if getattr(type(each), method) is not default]
 
     # ---- look-ups --------------------------------------------------------------------------------
 
@@ -339,6 +356,9 @@ class System:
         # Gas starts from the volumes of the initial state, which are known now.
         for scalars in self.scalar_unknowns:
             scalars.start()
+            start = self.scalar_count
+            self.scalar_count += scalars.size
+            self._scalar_parts.append((scalars, slice(start, self.scalar_count)))
         self._build_matrices()
 
     def take_shape_history(self, other: System) -> None:
@@ -582,14 +602,14 @@ class System:
         if base is not None:
             self._scratch.waxpy(-1.0, base, w)
             self._spread(self._scratch, "δ")
-        for compiled in self.compiled:
+        for compiled in self._updated:
             compiled.update(base is not None)
 
     def set_end(self, q: PETSc.Vec) -> None:
         """Set q1 = q [m], with its true strains.  Collective."""
         q.copy(self.q1)
         self._spread(self.q1, "q1")
-        for compiled in self.compiled:
+        for compiled in self._updated:
             compiled.update(False)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
@@ -597,7 +617,9 @@ class System:
         the scalar unknowns y (m,).  The rows of fixed coordinates go to `supports`, as reactions.
         Collective."""
         # First the gas: its pressure enters the forces on films.  s: residuals of scalar unknowns.
-        s = [scalars.residual(part) for scalars, part in self._split(y)]
+        s = np.zeros(self.scalar_count)
+        for scalars, part in self._scalar_parts:
+            s[part] = scalars.residual(y[part])
         self.increment.add_inertia(self.M, r)
         if self.K is not None:
             α = self.rule.alpha
@@ -605,14 +627,13 @@ class System:
             self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
             self._scratch.scale(α)
             self.K.multAdd(self._scratch, r, r)
-        for compiled in self.compiled:
+        for compiled in self._acting:
             compiled.add_forces(r)
-        with r as values:
-            for scalars in self.scalar_unknowns:
-                scalars.add_force(values)
+        for scalars in self.scalar_unknowns:
+            scalars.add_force(r.array)
         # Last: the sum of all forces on fixed coordinates is the reaction of their supports.
         self.supports.take(r)
-        return np.concatenate([np.zeros(0), *s])
+        return s
 
     def stored_forces(self) -> PETSc.Vec:
         """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state, as a new
@@ -706,14 +727,11 @@ class System:
         zero, with zeros at fixed coordinates; and ∂s/∂y (m, m), of residuals r and s."""
         columns: list[Array | None] = []
         rows: list[Array | None] = []
-        count = sum(scalars.size for scalars in self.scalar_unknowns)
-        corner = np.zeros((count, count))
-        for scalars in self.scalar_unknowns:
-            own = slice(len(rows), len(rows) + scalars.size)
-            own_columns, own_rows, own_corner = scalars.coupling()
+        corner = np.zeros((self.scalar_count, self.scalar_count))
+        for scalars, part in self._scalar_parts:
+            own_columns, own_rows, corner[part, part] = scalars.coupling()
             columns += own_columns
             rows += own_rows
-            corner[own, own] = own_corner
         for vector in columns + rows:
             if vector is not None:
                 vector[self.supports.held] = 0
@@ -825,7 +843,7 @@ class System:
     def force_scale(self, diagonal: PETSc.Vec) -> float:
         """Norm [N] of the forces that cancel in the last residual: the scale of its round-off, from
         the diagonal of the tangent."""
-        of_scalars = sum(scalars.force_square() for scalars in self.scalar_unknowns)
+        of_scalars = sum([scalars.force_square() for scalars in self.scalar_unknowns])
         return self.increment.force_scale(self.M, diagonal, self.q1, of_scalars)
 
     def round_off_energy(self, diagonal: PETSc.Vec) -> float:
@@ -868,14 +886,14 @@ class System:
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         """Compiled bilinear forms that add up to the tangent of a body on a mesh, of all terms."""
-        return [form for compiled in self.compiled for form in compiled.tangent_forms(body)]
+        return [form for compiled in self._with_forms for form in compiled.tangent_forms(body)]
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
         """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar
         unknowns."""
         for body, at in self.coordinates.items():
             at.assemble(A, self.tangent_forms(body), self._block_of[body])
-        for compiled in self.compiled:
+        for compiled in self._with_tangents:
             compiled.add_tangents(A)
         for scalars in self.scalar_unknowns:
             scalars.add_tangents(A)
@@ -886,12 +904,3 @@ class System:
         values = z.array_r
         for body, at in self.coordinates.items():
             at.take(getattr(at, name), values[self._block_of[body].owned])
-
-    def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
-        """The scalar unknowns with their part of y."""
-        found = []
-        start = 0
-        for scalars in self.scalar_unknowns:
-            found.append((scalars, y[start : start + scalars.size]))
-            start += scalars.size
-        return found

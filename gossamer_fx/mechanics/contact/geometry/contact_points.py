@@ -294,8 +294,8 @@ class ContactPoints:
         if not self._are_block_rows:
             on_block_rows = np.asarray(self.weights.T @ force)
         if self.comm.size == 1:
-            with r as values:
-                values[self._dofs] += on_block_rows
+            values = r.array
+            values[self._dofs] += on_block_rows
             return
         # The messages of the scatter are known beforehand, unlike those of single entries of a
         # vector.
