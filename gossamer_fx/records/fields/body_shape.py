@@ -214,7 +214,19 @@ class BodyShape:
         for _, set_strain in self._branches:
             set_strain()
         if self._curvature is not None:
-            self._curvature.set(self._curvature.difference, self._system.time)
+            self._set_curvature(self._curvature)
+
+    def _set_curvature(self, thermal: ThermalCurvature) -> None:
+        """Set the difference of temperature across a plate to that of which the moments of the last
+        step were: the one in its middle, unless they are those at the end.  Collective."""
+        system = self._system
+        difference = thermal.difference
+        thermal.set(difference, system.time)
+        if self.q_start is not None:
+            at_end = difference.x.array.copy()
+            thermal.set(difference, system.previous_time)
+            α = self.rule.alpha
+            difference.x.array[:] = (1 - α) * difference.x.array + α * at_end
 
 
 class AlternationWatch:

@@ -673,6 +673,7 @@ class Checkpoints:
             "vectors": list(run.history.vectors),
             "cells": list(run.history.cells),
             "time": system.time,
+            "time before": system.previous_time,
             "supplied": run.comm.allreduce(system.supplied_energy),
             "run": run.get_history(),
             "history": run.history.get_history(),
@@ -733,6 +734,8 @@ def read(
 
     system = run.system
     system.time = state["time"]
+    # Checkpoints of earlier versions have none.
+    system.previous_time = state.get("time before", system.time)
     # The checkpoint contains sums over its ranks.  Here, rank 0 adds them to its share.
     share = float(comm.rank == 0)
     losses = state["totals"]["losses"]

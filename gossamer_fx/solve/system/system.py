@@ -195,6 +195,7 @@ class System:
         position_marks: 1 for each position and 0 for each director among the vectors of this rank's
             nodes, (n,).
         time: of the accepted state [s].
+        previous_time: at the start of the last accepted step [s].
         h: length of the step [s].
         geometric: share of the geometric stiffness in tangents, 0 or 1.
         supplied_energy: since the start [J], this rank's share.
@@ -212,6 +213,7 @@ class System:
         self.scalar_unknowns: list[ScalarUnknowns] = []
         self.recorders: list[Callable[[], None]] = []
         self.time = 0.0
+        self.previous_time = 0.0
         self.h = 1.0
         self.geometric = 1.0
         self.supplied_energy = 0.0
@@ -408,10 +410,15 @@ class System:
         return free
 
     def restart(self) -> None:
-        """Update all derived quantities from `previous` and q0, which the caller has set: histories
-        and extrapolations follow from the last step.  q1 becomes equal to q0.  Collective."""
-        self._take_time()
-        for q in (self.previous, self.q0):
+        """Update all derived quantities from `previous` and q0, and their times, which the caller has
+        set: histories and extrapolations follow from the last step.  q1 becomes equal to q0.
+        Collective."""
+        start = self.previous_time
+        if self.rule.is_static:
+            # The time of a pseudo-step is none at which loads were asked for.
+            start = self.time
+        for time, q in ((start, self.previous), (self.time, self.q0)):
+            self._take_time(time)
             self.set_end(q)
             self._commit()
 
@@ -451,7 +458,7 @@ class System:
         self.v0.array[:] = rates
         self.q0.array[:] = start
         self.h = -self.h
-        self._take_time()
+        self._take_time(t)
         self.set_end(self.q0)
         for at in self.coordinates.values():
             at.q0.x.array[:] = at.q1.x.array
@@ -739,6 +746,7 @@ class System:
             # Multipliers have no rate.
             self.v0.array[self.constraints.owned] = 0
         self._commit()
+        self.previous_time = self.time
         self.time += self.h
         for recorder in self.recorders:
             recorder()
@@ -751,17 +759,18 @@ class System:
         # On several ranks PETSc keeps what was dropped in the step that was restored before this.
         PETSc.garbage_cleanup(self.comm)
         self.time = t
+        self.previous_time = t
         self.v0.array[:] = v
         self.q0.array[:] = q
         self.q0.copy(self.previous)
-        self._take_time()
+        self._take_time(t)
         self.set_end(self.q0)
         self._commit()
 
-    def _take_time(self) -> None:
-        """Give the time of the accepted state to terms that depend on it."""
+    def _take_time(self, t: float) -> None:
+        """Give the time t [s] of the state that follows to terms that depend on it."""
         for compiled in self.compiled:
-            compiled.take_time(self.time)
+            compiled.take_time(t)
 
     def _commit(self) -> None:
         """Make q1 and its strains the start of the next step."""
