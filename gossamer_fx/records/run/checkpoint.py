@@ -678,6 +678,7 @@ class Checkpoints:
             "run": run.get_history(),
             "history": run.history.get_history(),
             "totals": _plain(run.totals),
+            "resultants": {name: value.tolist() for name, value in system.resultants().items()},
             "outputs": cursors,
         }
 
@@ -745,6 +746,10 @@ def read(
     system.losses = {name: share * losses.get(name, 0.0) for name in causes}
     run.history.set_history(state["history"])
     run.set_history(state["run"])
+    # Checkpoints of earlier versions have none.
+    if "resultants" in state:
+        loads = state["resultants"].items()
+        system.restored_resultants = {name: np.array(value) for name, value in loads}
     # Arguments that are meant to be others change the energies.
     if not changes:
         compare_energies(path, run.totals, state["totals"])

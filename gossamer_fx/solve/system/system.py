@@ -199,6 +199,8 @@ class System:
         h: length of the step [s].
         geometric: share of the geometric stiffness in tangents, 0 or 1.
         supplied_energy: since the start [J], this rank's share.
+        restored_resultants: those of the last step of a run that was restarted, until the next one;
+            else None.
         recorders: called after each accepted step.
         losses: dissipated energies since the start [J] by name, this rank's share.
     """
@@ -217,6 +219,7 @@ class System:
         self.h = 1.0
         self.geometric = 1.0
         self.supplied_energy = 0.0
+        self.restored_resultants: dict[str, Array] | None = None
 
         # All terms of a kind are compiled together, so that their arrays and forms are shared.
         kinds: dict[Compiler, list[Term]] = {}
@@ -748,6 +751,7 @@ class System:
         self._commit()
         self.previous_time = self.time
         self.time += self.h
+        self.restored_resultants = None
         for recorder in self.recorders:
             recorder()
 
@@ -828,6 +832,22 @@ class System:
             mass=mass,
             mass_supplied=mass_supplied,
         )
+
+    def resultants(self) -> dict[str, Array]:
+        """Force [N] and torque about the origin [N m], (2, 3), of each load over the last step, by
+        its name; the same on every rank.  Collective."""
+        if self.restored_resultants is not None:
+            return self.restored_resultants
+        total: dict[str, Array] = {}
+        own: dict[str, Array] = {}
+        for compiled in self.compiled:
+            for name, value in compiled.resultants().items():
+                own[name] = own.get(name, 0.0) + value
+        # A load on a point is known to one rank only.
+        for of_rank in self.comm.allgather(own):
+            for name, value in of_rank.items():
+                total[name] = total.get(name, 0.0) + value
+        return total
 
     # ---- the residual, for solvers ---------------------------------------------------------------
 
