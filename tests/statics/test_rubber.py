@@ -129,6 +129,17 @@ def test_free_sheet_conserves_over_a_thousand_steps(comm, law):
     assert abs(spin).max() <= 1e-11 * abs(run.first.angular_momentum).max()
 
 
+@pytest.mark.parametrize("law", [NEO_HOOKE, MOONEY_RIVLIN], ids=str)
+def test_damping_of_small_strain_is_that_of_linear_film(comm, law):
+    losses = []
+    for each in (law, gx.Linear(3 * μ, 0.5, **FILM)):
+        film = gx.Membrane(sheet(comm, 2, 2), each, velocity=lambda X: 1e-4 * X)
+        damping = gx.Damping(film, stiffness_factor=1e-3)
+        losses.append(run_until(1e-2, film, damping, dt=1e-3).totals.dissipated)
+    assert losses[0] == pytest.approx(losses[1], rel=1e-5)
+    assert losses[1] > 0
+
+
 @pytest.mark.mpi
 def test_height_of_a_balloon_has_the_gradient_of_differences(comm):
     def equilibrium(shear_modulus):
