@@ -361,10 +361,21 @@ class System:
             kind = type(compiled)
             if self._items_of(kind) == other._items_of(kind):
                 pairs += [(compiled, there) for there in other.compiled_as(kind)]
-        for part, source in pairs:
-            history = source.shape_history()
-            if history is not None:
-                part.set_history(history)
+        histories = [(part, source, source.shape_history()) for part, source in pairs]
+        taken = [each for each in histories if each[2] is not None]
+        of_cells = False
+        for part, source, _ in taken:
+            there = source.cell_history()
+            for name, (_, values) in part.cell_history().items():
+                # An equilibrium has no strains of viscoelastic branches, which have relaxed.
+                if name in there:
+                    values[:] = there[name][1]
+                    of_cells = True
+        if of_cells:
+            # Strains follow from temperatures.
+            self.restart()
+        for part, _, history in taken:
+            part.set_history(history)
         if self.constraints and self.constraints.can_switch:
             # What latches hold now, the velocities have to fit.
             self.constraints.validate(self.q0, self.v0, self.free_marks())
