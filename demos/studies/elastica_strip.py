@@ -47,7 +47,7 @@ from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from demos.studies.bending_strip import supported
-from demos.studies.engine.study import Study, search_figures
+from demos.studies.engine.study import NOT_STABLE, Study, search_figures
 from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import FilmLaw
@@ -316,4 +316,5 @@ STUDY = Study(
         "error, unknowns, iterations, residual, seconds"
     ),
     draw=draw,
+    expected_warnings=NOT_STABLE,
 )

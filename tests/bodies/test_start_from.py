@@ -188,3 +188,82 @@ def test_a_piston_has_displaced_its_volume() -> None:
     start = gx.StartFrom(gx.Scene(moved).compile())
     gas = gx.Scene(mass, chamber, start).compile().chamber("chamber")
     assert gas.volume == pytest.approx(2e-3 + 0.01 * 0.1, rel=1e-14)
+
+
+@pytest.mark.mpi
+def test_a_body_that_has_turned_spins_about_the_same_axis() -> None:
+    """Its spin is in axes of space.  The frame of a beam turns with the beam's velocities."""
+    quarter = ((0, -1, 0), (1, 0, 0), (0, 0, 1))
+
+    def scene(attitude: object) -> tuple[gx.RigidBody, gx.Beam]:
+        body = gx.RigidBody(
+            1.0, (1.0, 2.0, 2.5), attitude=attitude, spin=(0.3, -0.2, 0.5), comm=COMM
+        )
+        section = gx.sections.solid_circle(0.01, E=1e9, nu=0.3, density=1500.0)
+        ends = [(0, 0, 0), np.asarray(attitude) @ (1, 0, 0)]
+        beam = gx.Beam(
+            line(COMM, ends, 2),
+            section,
+            normal=(0, 0, 1),
+            velocity=lambda X: np.cross((0.3, -0.2, 0.5), X.T).T,
+        )
+        return body, beam
+
+    start = gx.StartFrom(gx.Scene(*scene(quarter)).compile())
+    body, beam = scene(np.eye(3))
+    run = gx.Simulation(gx.Scene(body, start), gx.Midpoint(dt=1e-2))
+    for axis, rate in zip("xyz", (0.3, -0.2, 0.5), strict=True):
+        spin = gx.probes.AngularVelocity(body.frame(), axis)
+        assert spin(run) == pytest.approx(rate, abs=1e-14)
+    state = gx.Scene(body, beam, start).compile().state[beam]
+    directors = state.coordinates()[:, 1:]
+    expected = np.cross((0.3, -0.2, 0.5), directors)
+    np.testing.assert_allclose(state.rates()[:, 1:], expected, atol=1e-14)
+
+
+@pytest.mark.mpi
+def test_a_viscoelastic_film_goes_on_to_relax() -> None:
+    """A film that is held stretched for 1 s, and then in a second scene, has the stress of one run:
+    C ε (1 + r exp(-t/τ))."""
+    film = gx.Membrane(sheet(COMM, 1, 1), LINEAR)
+    held = [
+        gx.Fixed(film, edge, motion=lambda X, t: 0.01 * np.sin(np.pi / 2 * min(t, 1.0)) * X)
+        for edge in ("left", "right", "bottom", "top")
+    ]
+    relaxing = gx.loads.Viscoelasticity(film, ratios=(0.5,), times=(1.0,))
+    whole = run_until(1.5, *held, relaxing, dt=0.25)
+    first = run_until(1.0, *held, relaxing, dt=0.25)
+    start = gx.StartFrom(first.system)
+    still = [
+        gx.Fixed(film, edge, motion=lambda X, t: 0.01 * X, name=f"{edge} still")
+        for edge in ("left", "right", "bottom", "top")
+    ]
+    second = gx.Simulation(gx.Scene(*still, relaxing, start), gx.Midpoint(dt=0.25))
+    stress = gx.probes.LargestStress(film, at="end")
+    assert stress(second) == pytest.approx(stress(first), rel=1e-12)
+    second.run(until=0.5)
+    assert stress(second) == pytest.approx(stress(whole), rel=1e-9)
+    assert abs(second.energy_error) < 1e-12
+
+
+@pytest.mark.mpi
+def test_a_film_in_sunlight_keeps_its_temperatures() -> None:
+    thermal = gx.materials.ThermalExpansion(2e-5, 293.0)
+    film = gx.Membrane(sheet(COMM, 2, 2), LINEAR, thermal=thermal)
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=(0.0, 0.6, 0.8), shadow="none")
+    surface = gx.orbit.ThermalProperties(heat_capacity=3.0, absorptivity=0.9, emissivity=0.1)
+    heating = gx.orbit.SolarHeating(film, orbit, surface)
+    first = run_until(2.0, film, orbit, heating, dt=0.5)
+    before = heating.balance(first)
+    assert before.lowest > 400.0
+    start = gx.StartFrom(first.system)
+    second = gx.Simulation(gx.Scene(film, orbit, heating, start), gx.Midpoint(dt=0.5))
+    stress = gx.probes.LargestStress(film, at="end")
+    # Round-off of a stress that is some 1e-3 of the stiffness times the thermal strain.
+    assert stress(second) == pytest.approx(stress(first), rel=1e-9)
+    after = heating.balance(second)
+    assert (after.lowest, after.highest) == pytest.approx((before.lowest, before.highest))
+    assert (after.absorbed, after.emitted) == (0.0, 0.0)
+    second.run(until=1.0)
+    assert abs(heating.balance(second).error) < 1e-12
+    assert abs(second.energy_error) < 1e-9

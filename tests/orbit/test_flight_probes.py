@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -89,7 +90,6 @@ def test_gravity_gradient_turns_as_the_formula() -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.mpi
 def test_the_weight_of_a_body_without_mesh_has_a_resultant() -> None:
     place = np.array([2.0, 1.0, 0.0])
     hub = gx.RigidBody(3.0, (1.0, 1.1, 1.2), position=place, name="hub")
@@ -100,6 +100,7 @@ def test_the_weight_of_a_body_without_mesh_has_a_resultant() -> None:
     assert torque == pytest.approx(np.cross(place, force), abs=1e-12)
 
 
+@pytest.mark.mpi
 def test_a_flight_goes_on_from_a_checkpoint(folder: Path) -> None:
     def flight(**options: object) -> tuple[gx.Simulation, gx.orbit.Orbit]:
         # Its perigee is within the Earth.
@@ -108,7 +109,8 @@ def test_a_flight_goes_on_from_a_checkpoint(folder: Path) -> None:
         )
         sail = film(0.3)
         scene = gx.Scene(
-            gx.orbit.SolarPressure(sail, orbit), gx.orbit.Drag(sail, orbit, atmosphere=AIR)
+            gx.orbit.SolarPressure(sail, orbit, name="sunlight"),
+            gx.orbit.Drag(sail, orbit, atmosphere=AIR, name="drag"),
         )
         return gx.Simulation(scene, gx.Midpoint(dt=5e-3), **options), orbit
 
@@ -117,6 +119,16 @@ def test_a_flight_goes_on_from_a_checkpoint(folder: Path) -> None:
     half, _ = flight(checkpoints=gx.Checkpoints(folder / "kept", every=4))
     half.run(until=0.03)
     again, other = flight(restart=folder / "kept")
+    saved, first = flight()
+    saved.run(until=again.time)
+    for load in ("sunlight", "drag", "orbit"):
+        for action, axis in itertools.product(("force", "torque"), "xyz"):
+            found, expected = (
+                gx.probes.LoadResultant(of, load, action=action, axis=axis)(run)
+                for of, run in ((other, again), (first, saved))
+            )
+            # Torques are round-off of the forces.
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-20)
     again.run(until=0.05)
     error = np.abs(again.system.q0.array_r - whole.system.q0.array_r).max()
     # The checkpoint holds the origin of the flight separately from small positions.

@@ -11,7 +11,7 @@ from demos.studies.equilibrium_paths import RADIUS, octant
 from gossamer_fx.materials import MooneyRivlin, NeoHooke
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, constants
 from gossamer_fx.meshes.sheet import EDGES, sheet
-from tests.small_scenes import run_until
+from tests.small_scenes import at_rest, run_until
 from tests.strain_samples import CELLS, SQUARE, Samples, at_strains, random_strains, strain
 
 μ = 4e5  # Pa
@@ -101,6 +101,22 @@ def test_balloon_of_neo_hooke_passes_its_limit_point(comm):
     assert not found.unstable[:limit].any() and (found.unstable[limit:] == 1).all()
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize(("λ", "unstable"), [(1.2, 0), (2.0, 1), (3.5, 0)])
+def test_a_balloon_found_between_its_limit_points_is_not_stable(comm, caplog, λ, unstable):
+    film = gx.Membrane(
+        octant(comm, 4), MOONEY_RIVLIN, order=2, displacement=lambda X: (λ - 1) * X
+    )
+    held = [gx.Fixed(film, name, components=(axis,)) for axis, name in enumerate("xyz")]
+    pressure = 2 * (1 / λ - λ**-7) * (1 + 0.1 * λ**2) / 1.1
+    load = gx.Pressure(film, pressure * μ * FILM["thickness"] / RADIUS)
+    result = at_rest(load, *held).result
+    assert result.regular and result.unstable == unstable
+    assert ("not stable" in result.summary()) == (unstable > 0)
+    if comm.rank == 0:
+        assert ("its stiffness has 1 negative eigenvalue," in caplog.text) == (unstable > 0)
+
+
 def test_balloon_of_mooney_rivlin_has_two_limit_points(comm):
     """p r0/(μ t) = 2 (1/λ - λ⁻⁷)(1 + k λ²)/(1 + k) with k = C2/C1: falls and rises again."""
     found, λ = balloon_path(comm, MOONEY_RIVLIN, 1.6)
@@ -127,6 +143,17 @@ def test_free_sheet_conserves_over_a_thousand_steps(comm, law):
     assert abs(run.energy_error) <= 1e-9
     spin = run.totals.angular_momentum - run.first.angular_momentum
     assert abs(spin).max() <= 1e-11 * abs(run.first.angular_momentum).max()
+
+
+@pytest.mark.parametrize("law", [NEO_HOOKE, MOONEY_RIVLIN], ids=str)
+def test_damping_of_small_strain_is_that_of_linear_film(comm, law):
+    losses = []
+    for each in (law, gx.Linear(3 * μ, 0.5, **FILM)):
+        film = gx.Membrane(sheet(comm, 2, 2), each, velocity=lambda X: 1e-4 * X)
+        damping = gx.Damping(film, stiffness_factor=1e-3)
+        losses.append(run_until(1e-2, film, damping, dt=1e-3).totals.dissipated)
+    assert losses[0] == pytest.approx(losses[1], rel=1e-5)
+    assert losses[1] > 0
 
 
 @pytest.mark.mpi

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
 from tests.small_scenes import LINEAR, MATERIAL
 
 COMM = MPI.COMM_WORLD
@@ -213,6 +213,49 @@ def test_a_restarted_run_knows_the_means_of_its_last_step(comm: Any, tmp_path: P
     restarted = gx.Simulation(same_scene, STEPPERS["mean"], restart=folder / "kept")
     for body, now in ((film, run), (again, restarted)):
         assert gx.probes.AreaFraction(body, "taut")(now) == pytest.approx(TAUT_SHARE, rel=1e-7)
+
+
+@pytest.mark.mpi
+def test_a_restarted_run_knows_the_temperatures_before_its_last_step(
+    comm: Any, tmp_path: Path
+) -> None:
+    """The mean stress of the step in which a film cools by 100 K is that of 50 K."""
+    folder = comm.bcast(tmp_path)
+
+    def scene() -> tuple[gx.Membrane, gx.Scene]:
+        cooling = gx.materials.ThermalExpansion(
+            1e-5, temperature=lambda X, t: 293.15 - 100 * t / DT
+        )
+        film = gx.Membrane(sheet(COMM, 2, 2), LINEAR, thermal=cooling)
+        return film, gx.Scene(*(gx.Fixed(film, edge) for edge in EDGES))
+
+    film, first = scene()
+    run = after_a_step(first, gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(folder / "kept"))
+    again, same_scene = scene()
+    restarted = gx.Simulation(same_scene, gx.Midpoint(dt=DT), restart=folder / "kept")
+    stress = MATERIAL["E"] / (1 - MATERIAL["nu"]) * 1e-5 * 50
+    for body, now in ((film, run), (again, restarted)):
+        # The thermal strain is not linear in the temperature.
+        assert gx.probes.LargestStress(body)(now) == pytest.approx(stress, rel=2e-3)
+    assert gx.probes.LargestStress(again)(restarted) == pytest.approx(
+        gx.probes.LargestStress(film)(run), rel=1e-12
+    )
+
+
+def test_the_moment_of_a_step_is_that_of_the_mean_difference_of_temperature() -> None:
+    """A clamped plate whose front is heated by 100 K in a step: D (1 + ν) α ΔT/t with half of
+    it."""
+    heated = gx.materials.ThermalExpansion(1e-5, gradient=lambda X, t: 100 * t / DT)
+    plate = gx.Plate(sheet(COMM, 2, 2), LINEAR, thermal=heated)
+    held = [gx.Fixed(plate, edge, rotation=True) for edge in EDGES]
+    still = gx.Fixed(plate, "film", name="still")
+    run = after_a_step(gx.Scene(still, *held), gx.Midpoint(dt=DT))
+    E, t, nu = MATERIAL["E"], MATERIAL["thickness"], MATERIAL["nu"]
+    stiffness = E * t**3 / 12 / (1 - nu**2)
+    at_end = stiffness * (1 + nu) * 1e-5 * 100 / t
+    for at, moment in (("mean", at_end / 2), ("end", at_end)):
+        _, moment1 = gx.fields.field_values(run, plate, field="moment1", at=at)
+        assert moment1 == pytest.approx(moment, rel=1e-9)
 
 
 def test_an_output_says_which_values_it_has(tmp_path: Path) -> None:

@@ -40,6 +40,10 @@ NOT_REGULAR = {
     "The equilibrium is not regular": "wrinkles without stiffness against bending, or that could "
     "as well lie elsewhere, have neighbours at the same energy"
 }
+NOT_STABLE = {
+    "The equilibrium is not stable": "wrinkles that the mesh resolves could merge, and film that "
+    "bears compression could form more of them"
+}
 WITHOUT_UNITS = {"numbers are in SI units": "the reference is without units, or a round number"}
 
 # By so much an observed order may be below the expected one: coarse cases are not yet in the

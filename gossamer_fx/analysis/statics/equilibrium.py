@@ -127,7 +127,7 @@ class Equilibrium:
         is_unloaded = external <= VANISHING_LOAD * self._largest_load
         if not is_unloaded:
             warn_of_lost_loads(search)
-        free, is_regular = assess(search, at)
+        free, is_regular, unstable = assess(search, at)
         residual, load = search.unbalanced()
         is_within_tolerance = bool(residual <= self.search.tolerance)
         if is_unloaded:
@@ -143,6 +143,7 @@ class Equilibrium:
             totals=self.system.totals(),
             regular=is_regular,
             free=free,
+            unstable=unstable,
             within_tolerance=is_within_tolerance,
             prestress=search.prestress.reached(),
         )
@@ -231,6 +232,7 @@ class Equilibrium:
                     "residual": result.residual,
                     "within tolerance": result.within_tolerance,
                     "regular": result.regular,
+                    "negative eigenvalues": "unknown" if result.unstable < 0 else result.unstable,
                     "free motions": ", ".join(result.free) or "none",
                     "iterations": result.iterations,
                     "pseudo-steps": result.steps,

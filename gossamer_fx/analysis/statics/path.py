@@ -57,7 +57,7 @@ from gossamer_fx.analysis.sensitivity.variables import (
 )
 from gossamer_fx.analysis.statics.continuation import FINAL_REDUCTION, FINAL_TOLERANCE
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.analysis.vibration.natural_modes import Spectrum, is_symmetric
+from gossamer_fx.analysis.vibration.spectrum import UNKNOWN, count_unstable
 from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
 from gossamer_fx.core.model.body import Array, Indices
@@ -115,9 +115,6 @@ DURATION = 1e3
 
 # Change of a probe along a branch over its value, below which it is round-off.
 ROUND_OFF = 1e-9
-
-# What `EquilibriumPath.unstable` has where the stiffness is not symmetric.
-UNKNOWN = -1
 
 # A number of the state of a scene, e.g. a probe.
 Measure = Callable[[Any], float]
@@ -649,31 +646,8 @@ class _Follower:
         return point
 
     def _count_unstable(self) -> int:
-        """Number of negative eigenvalues of the stiffness of the last `direction`; `UNKNOWN` if it
-        is not symmetric or gas flows.  Collective."""
-        system = self._system
-        stiffnesses = []
-        for scalars in system.scalar_unknowns:
-            if not scalars.is_closed:
-                return UNKNOWN
-            for gradient, stiffness in scalars.static_stiffness():
-                gradient = gradient.copy()
-                gradient[system.supports.held] = 0.0
-                if stiffness:
-                    stiffnesses.append((gradient, stiffness))
-        K = system.coupled_tangent.whole()
-        if not is_symmetric(K):
-            return UNKNOWN
-        negative = Spectrum(K, system.M, stiffnesses).negative_pivots(0.0)
-        # The matrix of which these are pivots has one of -1/κ for each gas.
-        negative -= sum(stiffness > 0 for _, stiffness in stiffnesses)
-        multipliers = 0
-        if system.constraints is not None:
-            owned = system.constraints.owned
-            held = system.supports.held
-            idle = ((held >= owned.start) & (held < owned.stop)).sum()
-            multipliers = system.comm.allreduce(int(owned.stop - owned.start - idle))
-        return negative - multipliers
+        """Number of negative eigenvalues of the stiffness of the last `direction`.  Collective."""
+        return count_unstable(self._system, self._system.coupled_tangent.whole())
 
     # ---- steps -----------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""An equilibrium as a result: whether it is regular and unique, and the warnings about it."""
+"""An equilibrium as a result: whether it is regular, stable and unique, and the warnings about it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,12 @@ from gossamer_fx.analysis.statics.prestress import (
     lost_prestress_words,
 )
 from gossamer_fx.analysis.vibration.rigid_motions import free_motions, listed
+from gossamer_fx.analysis.vibration.spectrum import (
+    UNKNOWN,
+    active_multipliers,
+    count_unstable,
+    is_symmetric,
+)
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.totals import Totals
@@ -43,12 +49,15 @@ class EquilibriumResult:
             singular.
         free: rigid motions that no support or load resists, of each part that moves independently;
             the equilibrium is unique at most up to these.
+        unstable: number of negative eigenvalues of the stiffness: zero in a stable equilibrium; -1
+            where it is not known: the equilibrium is not regular, gas flows, or loads make the
+            stiffness unsymmetric.
         within_tolerance: whether the residual reached the tolerance of the search.  Otherwise
             round-off of the inner forces has ended it earlier.
         prestress: of the films, cables and beams that have one, by their names: which stress or
             tension was asked for, and which is left.
 
-    An equilibrium that is not regular, not within its tolerance, or in which a part has less than
+    An equilibrium that is not regular, not stable, not within its tolerance, or in which a part has less than
     90 % of its prestress, is also reported by a warning in the log.
 
     Example:
@@ -70,6 +79,7 @@ class EquilibriumResult:
     totals: Totals
     regular: bool
     free: tuple[str, ...]
+    unstable: int = UNKNOWN
     within_tolerance: bool = True
     prestress: Mapping[str, ReachedPrestress] = field(default_factory=dict)
 
@@ -86,6 +96,8 @@ class EquilibriumResult:
             words.append(f"nothing resists {listed(self.free)}")
         elif not self.regular:
             words.append("not unique")
+        elif self.unstable > 0:
+            words.append("not stable")
         named = sorted(self.prestress.items(), key=lambda item: item[1].ratio)
         if len(named) > MAX_NAMED_PARTS:
             # Of many parts the one that has lost most.
@@ -97,10 +109,10 @@ class EquilibriumResult:
         return f"<EquilibriumResult: {self.summary()}>"
 
 
-def assess(search: Search, at: float) -> tuple[tuple[str, ...], bool]:
-    """Rigid motions that nothing resists, in words, and whether the tangent without inertia is
-    regular under the loads of time `at` [s]: Newton's iteration starts once more from the
-    solution."""
+def assess(search: Search, at: float) -> tuple[tuple[str, ...], bool, int]:
+    """Rigid motions that nothing resists, in words; whether the tangent without inertia is regular
+    under the loads of time `at` [s]: Newton's iteration starts once more from the solution; and the
+    number of its negative eigenvalues."""
     converges = search.solve_without_inertia(at)
     system = search.system
     unbalanced, load = search.unbalanced()
@@ -110,11 +122,17 @@ def assess(search: Search, at: float) -> tuple[tuple[str, ...], bool]:
         stiffnesses += scalars.static_stiffness()
     free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
     if free or not converges:
-        return free, False
-    # With scalar unknowns K is only a block of the matrix, and may be singular in a regular
-    # one.
-    is_regular = bool(system.scalar_unknowns) or not factorisation.is_singular(K)
-    return free, is_regular
+        return free, False, UNKNOWN
+    if not is_symmetric(K):
+        return free, bool(system.scalar_unknowns) or not factorisation.is_singular(K), UNKNOWN
+    # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.
+    if system.scalar_unknowns:
+        return free, True, count_unstable(system, K)
+    factors = factorisation.SymmetricFactors(K, is_equilibrated=True)
+    is_regular = not factors.is_singular()
+    unstable = factors.negative - active_multipliers(system) if is_regular else UNKNOWN
+    factors.destroy()
+    return free, is_regular, unstable
 
 
 def warn_of_lost_loads(search: Search) -> None:
@@ -135,8 +153,8 @@ def warn_of_lost_loads(search: Search) -> None:
 
 
 def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
-    """Warn of an equilibrium that has lost prestress, is above the tolerance, not unique or not
-    regular."""
+    """Warn of an equilibrium that has lost prestress, is above the tolerance, not unique, not regular
+    or not stable."""
     if search.comm.rank > 0:
         return
     lost = lost_prestress_words(dict(result.prestress))
@@ -162,4 +180,12 @@ def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
             "its tangent is singular or Newton's iteration without inertia does not converge, "
             "as in slack film or at a limit load; "
             "shape and modes of such parts are not unique."
+        )
+    elif result.unstable > 0:
+        LOG.warning(
+            "The equilibrium is not stable: its stiffness has %d negative eigenvalue%s, "
+            "as in a balloon beyond its largest pressure or in film under compression; "
+            "disturb the first guess to find another one, or follow it by gx.analysis.path.",
+            result.unstable,
+            "s" if result.unstable > 1 else "",
         )

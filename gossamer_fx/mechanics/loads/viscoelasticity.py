@@ -180,6 +180,9 @@ class RelaxingEnergies(ElementEnergies, HistoryVariables):
         """Empty: all history is that of cells."""
         return {}
 
+    def shape_history(self) -> dict[str, Any]:
+        return self.get_history()
+
     def set_history(self, state: dict[str, Any]) -> None:
         # The arrays of `cell_history` have been written to.
         for forces in self._relaxing:

@@ -39,6 +39,7 @@ Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any
 
@@ -96,10 +97,12 @@ class NeoHooke(FilmLaw):
         λ1 = ufl.sqrt(1 + 2 * ufl.max_value(γ1, 0.0))
         pulled = 4 * γ1**2 * (λ1 + 2) / (λ1 * (λ1 + 1) ** 2)
         relaxed = self._by_state(e, _first_invariant(e), pulled, 0.0)
-        tr, det = invariants(e)
-        small = 4 * (tr**2 - det)
         u = c.residual_stiffness
-        return c.shear_modulus * c.thickness / 2 * ((1 - u) * relaxed + u * small)
+        taut_or_relaxed = c.shear_modulus * c.thickness / 2 * (1 - u) * relaxed
+        return taut_or_relaxed + u * _small_strain_energy(e, c.shear_modulus, c)
+
+    def unwrinkled(self) -> FilmLaw:
+        return _SmallStrain(lambda c: c.shear_modulus, density=self.density, thickness=self.thickness)
 
     def state(self, e: Expr, c: Any) -> Expr:
         return self._by_state(e, TAUT, WRINKLED, SLACK)
@@ -152,6 +155,30 @@ class MooneyRivlin(FilmLaw):
 
     def energy(self, e: Expr, c: Any) -> Expr:
         return c.thickness * (c.C1 * _first_invariant(e) + c.C2 * _second_invariant(e))
+
+    def unwrinkled(self) -> FilmLaw:
+        return _SmallStrain(
+            lambda c: 2 * (c.C1 + c.C2), density=self.density, thickness=self.thickness
+        )
+
+
+@dataclass(frozen=True)
+class _SmallStrain(FilmLaw):
+    """Rubber at small strain, from the constants of its law, of which `shear_modulus` is a
+    function; damping is a multiple of its energy."""
+
+    shear_modulus: Callable[[Any], Expr]
+
+    quadratic = True
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        return _small_strain_energy(e, self.shear_modulus(c), c)
+
+
+def _small_strain_energy(e: Expr, shear_modulus: Expr, c: Any) -> Expr:
+    """The energy per area [J/m²] of small strain: that of `Linear` with E = 3 μ and ν = 1/2."""
+    tr, det = invariants(e)
+    return 2 * shear_modulus * c.thickness * (tr**2 - det)
 
 
 def _first_invariant(e: Expr) -> Expr:

@@ -304,8 +304,10 @@ class Flight(HistoryVariables):
             self._prepared_step = None
 
     def get_history(self) -> dict[str, Any]:
-        return self.origin.get_history()
+        return {**self.origin.get_history(), "centre": self.centre.tolist()}
 
     def set_history(self, state: dict[str, Any]) -> None:
         self.origin.set_history(state)
+        # Checkpoints of earlier versions have none.
+        self.centre = np.array(state.get("centre", self.centre))
         self._prepared_step = None

@@ -259,7 +259,7 @@ def _of_faces(value: float | tuple[float, float]) -> tuple[float, float]:
 
 class FilmTemperatures:
     """The temperatures of one film in one compiled scene: T (n,) [K] of the triangles that this
-    rank owns, of the accepted state."""
+    rank owns, of the accepted state, and `T_before` of that before the last step."""
 
     def __init__(self, heating: SolarHeating, system: Assembly) -> None:
         """Take the initial temperatures and the stress-free areas [m²], and compile the area
@@ -287,6 +287,7 @@ class FilmTemperatures:
         # None for a film without thermal expansion.
         self._strain = thermal_strain_of(system, film)
         self.T: Array = self._initial()
+        self.T_before = self.T.copy()
         # Heat [J] since the start, and stored at the start, this rank's shares.
         self._heat_absorbed = 0.0
         self._heat_emitted = 0.0
@@ -295,7 +296,7 @@ class FilmTemperatures:
         self._pending: tuple[Array, float, float] | None = None
         if self._strain is not None:
             self._strain.is_heated = True
-            self.take_time()
+            self._expand(self.T)
             self._strain.commit()
 
     def _take_properties(self) -> None:
@@ -366,16 +367,19 @@ class FilmTemperatures:
         if self._pending is None:
             return
         T, absorbed, emitted = self._pending
-        # In place: a restart writes to this array.
+        # In place: a restart writes to these arrays.
+        self.T_before[:] = self.T
         self.T[:] = T
         self._heat_absorbed += absorbed
         self._heat_emitted += emitted
         self._pending = None
 
-    def take_time(self) -> None:
-        """Drop a step that was not accepted; the film has the thermal strain of T again."""
+    def take_time(self, t: float) -> None:
+        """Drop a step that was not accepted; the film has the thermal strain of a time t [s] again,
+        the present one or that before the last step."""
         self._pending = None
-        self._expand(self.T)
+        is_before = t < self._system.time
+        self._expand(self.T_before if is_before else self.T)
 
     def _expand(self, T: Array) -> None:
         """Give the film the thermal strain of temperatures T (n,) [K] at the end of the step;
@@ -517,19 +521,27 @@ class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
 
     def take_time(self, t: float) -> None:
         for one in self._films:
-            one.take_time()
+            one.take_time(t)
 
     def get_history(self) -> dict[str, Any]:
         """Absorbed, emitted and first stored heat [J] of each film.  Collective."""
         return {"heats": [one.sums().tolist() for one in self._films]}
+
+    def shape_history(self) -> dict[str, Any]:
+        # The heat of a run that starts from these temperatures counts from its start.
+        return {"heats": [[0.0, 0.0, one.balance().stored] for one in self._films]}
 
     def set_history(self, state: dict[str, Any]) -> None:
         for one, sums in zip(self._films, state["heats"], strict=True):
             one.set_sums(sums)
 
     def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
-        """The temperatures [K] of the films."""
-        return {f"temperature {k}": (one.film, one.T) for k, one in enumerate(self._films)}
+        """The temperatures [K] of the films, and those before the last step."""
+        found: dict[str, tuple[MeshBody, Array]] = {}
+        for k, one in enumerate(self._films):
+            found[f"temperature {k}"] = (one.film, one.T)
+            found[f"temperature before {k}"] = (one.film, one.T_before)
+        return found
 
     def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
         """Numbers and temperatures [K] of this rank's triangles of a heated film, for the field

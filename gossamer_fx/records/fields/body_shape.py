@@ -62,6 +62,18 @@ class _HasBranches(Protocol):
     def branches_of(self, body: MeshBody) -> list[Any]: ...
 
 
+def _branches_of(body: MeshBody, system: System) -> list[Any]:
+    """The branches of a viscoelastic body in a compiled scene; none of other bodies."""
+    kinds = system.compiled_as(_HasBranches)
+    return [branch for compiled in kinds for branch in compiled.branches_of(body)]
+
+
+def has_unknown_stress(body: MeshBody, system: System) -> bool:
+    """Whether the stress of a body is not known: that of a reduced film that relaxes, whose
+    branches have strains in the sampled cells only."""
+    return body.full is not body and bool(_branches_of(body, system))
+
+
 def rule_at(at: At, system: System) -> StressRule:
     """The rule by which stresses follow from the last step: that of the run, or its end."""
     return system.rule if at == "mean" else EndPoint()
@@ -115,11 +127,7 @@ class BodyShape:
         if getattr(self.body, "thermal", None) is not None:
             self._add_expansion()
         # The branches of a viscoelastic body
-        self._relaxing = [
-            branch
-            for compiled in system.compiled_as(_HasBranches)
-            for branch in compiled.branches_of(body)
-        ]
+        self._relaxing = _branches_of(body, system)
         # Strains that they add where a stress is shown, and what sets them
         self._branches: list[tuple[fem.Function, Callable[[], None]]] = []
 
@@ -167,7 +175,7 @@ class BodyShape:
         is_point = e0 is e1
         body = self._state.body
         check(
-            self.body is body or not self._relaxing,
+            not has_unknown_stress(body, self._system),
             f"'{body.name}': the stress of a film that is reduced and relaxes is not known in all "
             "its cells; ask for other fields, e.g. displacement and strain1.",
         )
@@ -214,7 +222,19 @@ class BodyShape:
         for _, set_strain in self._branches:
             set_strain()
         if self._curvature is not None:
-            self._curvature.set(self._curvature.difference, self._system.time)
+            self._set_curvature(self._curvature)
+
+    def _set_curvature(self, thermal: ThermalCurvature) -> None:
+        """Set the difference of temperature across a plate to that of which the moments of the last
+        step were: the one in its middle, unless they are those at the end.  Collective."""
+        system = self._system
+        difference = thermal.difference
+        thermal.set(difference, system.time)
+        if self.q_start is not None:
+            at_end = difference.x.array.copy()
+            thermal.set(difference, system.previous_time)
+            α = self.rule.alpha
+            difference.x.array[:] = (1 - α) * difference.x.array + α * at_end
 
 
 class AlternationWatch:

@@ -41,7 +41,7 @@ from gossamer_fx.core.model.body import Array, Attached, Body, Port, is_on_mesh
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.fields.body_shape import At
+from gossamer_fx.records.fields.body_shape import At, has_unknown_stress
 from gossamer_fx.records.fields.fields import groups_of
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.records.outputs.description import describe, versions
@@ -168,7 +168,8 @@ class Recording:
         folder: of the run.  A folder that holds another run is refused.
         fields: names of fields by the names of bodies, see `gx.fields`.  Default of films:
             displacement, state, the larger stress, the smaller strain, and the pressure if the film
-            bounds a chamber; of other bodies the displacement.
+            bounds a chamber; of other bodies the displacement.  A reduced film that relaxes has no
+            stress.
         probes: further numbers by name, see `outputs.Probes`.
         at: "mean" for stresses, tensions, moments and states of films as means over the last step,
             or "end" for those at its end.
@@ -501,12 +502,15 @@ def _default_fields(body: Body, run: StateView) -> tuple[str, ...]:
     """Names of the fields of a body that are recorded if none were asked for."""
     if not isinstance(body, Membrane):
         return ("displacement",)
+    fields = FILM_FIELDS
+    if has_unknown_stress(body, run.system):
+        fields = tuple(name for name in FILM_FIELDS if name != "stress1")
     enclosures = [state.chamber.enclosure for state in run.chambers.values()]
     films = [film for enclosure in enclosures if enclosure for film in enclosure.films]
     bounds_gas = any(film is body for film in films)
     if bounds_gas:
-        return (*FILM_FIELDS, "pressure")
-    return FILM_FIELDS
+        return (*fields, "pressure")
+    return fields
 
 
 class FilmStates(TableOutput):

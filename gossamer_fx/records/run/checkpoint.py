@@ -673,10 +673,12 @@ class Checkpoints:
             "vectors": list(run.history.vectors),
             "cells": list(run.history.cells),
             "time": system.time,
+            "time before": system.previous_time,
             "supplied": run.comm.allreduce(system.supplied_energy),
             "run": run.get_history(),
             "history": run.history.get_history(),
             "totals": _plain(run.totals),
+            "resultants": {name: value.tolist() for name, value in system.resultants().items()},
             "outputs": cursors,
         }
 
@@ -733,6 +735,8 @@ def read(
 
     system = run.system
     system.time = state["time"]
+    # Checkpoints of earlier versions have none.
+    system.previous_time = state.get("time before", system.time)
     # The checkpoint contains sums over its ranks.  Here, rank 0 adds them to its share.
     share = float(comm.rank == 0)
     losses = state["totals"]["losses"]
@@ -742,6 +746,10 @@ def read(
     system.losses = {name: share * losses.get(name, 0.0) for name in causes}
     run.history.set_history(state["history"])
     run.set_history(state["run"])
+    # Checkpoints of earlier versions have none.
+    if "resultants" in state:
+        loads = state["resultants"].items()
+        system.restored_resultants = {name: np.array(value) for name, value in loads}
     # Arguments that are meant to be others change the energies.
     if not changes:
         compare_energies(path, run.totals, state["totals"])

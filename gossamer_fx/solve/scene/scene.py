@@ -82,8 +82,10 @@ class StartFrom:
 
     Of items that are in both scenes, as the same objects, it also takes pairs in contact with their
     stiffness, rest angles of creases that yield, paid out lengths of braked ropes, largest strains
-    of cords and what latches hold; of creases and ropes if both scenes have the same ones.  Gas
-    begins with the pressure of its chamber, and time with zero.
+    of cords, strains of viscoelastic branches, temperatures of films in sunlight and what latches
+    hold; of all but contact and latches if both scenes have the same ones.  Gas begins with the
+    pressure of its chamber, and time with zero.  Velocities and spins are those of the bodies as
+    they were made, in space: bodies that have turned spin about the same axis.
 
     Args:
         system: the other scene's system, e.g. `equilibrium.system`.
@@ -109,9 +111,13 @@ class StartFrom:
     name: str = "start"
 
     def initialise(self, start: InitialState) -> None:
-        """Place all bodies of the scene as they are in the other one; rates stay."""
+        """Place all bodies of the scene as they are in the other one.  Velocities stay, and so do
+        angular velocities, with which directors turn."""
         for body in start:
+            made = body.coordinates().copy()
+            rates = body.rates().copy()
             start.place(body.body, self._coordinates(body))
+            start.set_in_motion(body.body, _rates_of_turned(rates, made, body.coordinates()))
 
     def _coordinates(self, here: BodyState) -> Array:
         """Positions [m] and directors of this rank's nodes of the body of the same name in the
@@ -137,6 +143,26 @@ class StartFrom:
             f"'{body.name}' has other nodes in '{self.name}'; use the same mesh.",
         )
         return values
+
+
+def _rates_of_turned(rates: Array, made: Array, placed: Array) -> Array:
+    """Rates (n, s, 3) of a position and s - 1 orthonormal directors, which turn at the angular
+    velocity that `rates` are at the coordinates `made`, at the coordinates `placed`."""
+    of_directors = rates[:, 1:]
+    has_turned = not np.array_equal(made[:, 1:], placed[:, 1:])
+    if not has_turned or not of_directors.any():
+        return rates
+    # The angular velocity is ½ Σ d × ḋ of three directors; a beam has two, and their normal.
+    directors = made[:, 1:]
+    spin = np.cross(directors, of_directors).sum(axis=1)
+    if directors.shape[1] == 2:
+        normal = np.cross(directors[:, 0], directors[:, 1])
+        normal_rate = np.cross(of_directors[:, 0], directors[:, 1])
+        normal_rate += np.cross(directors[:, 0], of_directors[:, 1])
+        spin += np.cross(normal, normal_rate)
+    turned = rates.copy()
+    turned[:, 1:] = np.cross(spin[:, None] / 2, placed[:, 1:])
+    return turned
 
 
 # What an item may bring; one that brings nothing would do nothing in a scene.

@@ -347,25 +347,82 @@ def is_singular(A: PETSc.Mat) -> bool:
     as singular.
     """
     B = _equilibrated(A)
-    x, b = B.createVecs()
-    b.setRandom()
     ksp = _solver(B)
-    norm = B.norm(PETSc.NormType.INFINITY)
-    singular = False
-    for _ in range(2):
-        if _solve(ksp, b, x):
-            singular = True
-            break
-        amplification = float(x.norm()) / max(float(b.norm()), TINY)
-        # Written so that NaN counts as singular.
-        if not amplification * norm < MAX_CONDITION:
-            singular = True
-            break
-        x.copy(b)
-        b.normalize()
+    singular = _amplifies(B, lambda b, x: _solve(ksp, b, x))
     ksp.destroy()
     B.destroy()
     return singular
+
+
+def _amplifies(B: PETSc.Mat, solve_with_factors: Callable[[PETSc.Vec, PETSc.Vec], str]) -> bool:
+    """Whether B⁻¹ enlarges a vector by 1/(4 ε |B|) or more, or cannot be applied.  Collective."""
+    x, b = B.createVecs()
+    b.setRandom()
+    norm = B.norm(PETSc.NormType.INFINITY)
+    for _ in range(2):
+        if solve_with_factors(b, x):
+            return True
+        amplification = float(x.norm()) / max(float(b.norm()), TINY)
+        # Written so that NaN counts as singular.
+        if not amplification * norm < MAX_CONDITION:
+            return True
+        x.copy(b)
+        b.normalize()
+    return False
+
+
+class SymmetricFactors:
+    """Factors L D Lᵀ by MUMPS of a symmetric matrix, which take half the operations of LU.
+
+    Args:
+        is_equilibrated: whether rows and columns are scaled, see `is_singular`, which leaves the
+            signs of the eigenvalues as they are.
+
+    Attributes:
+        pc: solves with the matrix.
+        problem: why the factorisation failed; empty if it did not.
+        negative: number of negative pivots, by Sylvester's law of inertia that of the negative
+            eigenvalues.
+    """
+
+    def __init__(self, A: PETSc.Mat, *, is_equilibrated: bool = False) -> None:
+        # The symmetric factorisation takes neither blocks nor a dense matrix.
+        self._matrix = _equilibrated(A) if is_equilibrated else A.convert("aij", PETSc.Mat())
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self.pc = PETSc.PC().create(A.comm)
+        self.pc.setOperators(self._matrix)
+        self.pc.setType("cholesky")
+        self.pc.setFactorSolverType("mumps")
+        self.pc.setFactorSetUpSolverType()
+        is_complete = False
+        while not is_complete:
+            # PETSc asks for both: no dense root shared by the ranks, and null pivots recognised.
+            # More workspace means new factors, which do not know them.
+            self.pc.getFactorMatrix().setMumpsIcntl(13, 1)
+            self.pc.getFactorMatrix().setMumpsIcntl(24, 1)
+            self.pc.setUp()
+            is_complete = failure(self.pc) >= 0 or not enlarge(self.pc)
+        self.problem = reason(self.pc)
+        self.negative = 0
+        self._null = 0
+        if not self.problem:
+            self.negative, self._null, _ = self.pc.getFactorMatrix().getInertia()
+
+    def is_singular(self) -> bool:
+        """Whether the matrix is singular to round-off.  Collective."""
+        if self.problem or self._null:
+            return True
+
+        def solve_with_factors(b: PETSc.Vec, x: PETSc.Vec) -> str:
+            self.pc.apply(b, x)
+            return ""
+
+        return _amplifies(self._matrix, solve_with_factors)
+
+    def destroy(self) -> None:
+        """Free the factors and the copy of the matrix.  Collective."""
+        self.pc.destroy()
+        self._matrix.destroy()
 
 
 def _equilibrated(A: PETSc.Mat) -> PETSc.Mat:

@@ -87,7 +87,7 @@ class History:
             vector.copy(self._committed[name])
         for name, (_, values) in self.cells.items():
             self._committed_cells[name] = values.copy()
-        self._time = system.time
+        self._times = (system.previous_time, system.time)
         self._supplied_energy = system.supplied_energy
         # A copy, as the system changes its dictionary in place.
         self._losses = dict(system.losses)
@@ -101,7 +101,7 @@ class History:
             self._committed[name].copy(vector)
         for name, (_, values) in self.cells.items():
             values[:] = self._committed_cells[name]
-        system.time = self._time
+        system.previous_time, system.time = self._times
         system.supplied_energy = self._supplied_energy
         system.losses = dict(self._losses)
         self.set_history(self._state)

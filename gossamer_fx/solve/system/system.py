@@ -199,9 +199,12 @@ class System:
         position_marks: 1 for each position and 0 for each director among the vectors of this rank's
             nodes, (n,).
         time: of the accepted state [s].
+        previous_time: at the start of the last accepted step [s].
         h: length of the step [s].
         geometric: share of the geometric stiffness in tangents, 0 or 1.
         supplied_energy: since the start [J], this rank's share.
+        restored_resultants: those of the last step of a run that was restarted, until the next one;
+            else None.
         recorders: called after each accepted step.
         losses: dissipated energies since the start [J] by name, this rank's share.
     """
@@ -219,9 +222,11 @@ class System:
         self.scalar_count = 0
         self.recorders: list[Callable[[], None]] = []
         self.time = 0.0
+        self.previous_time = 0.0
         self.h = 1.0
         self.geometric = 1.0
         self.supplied_energy = 0.0
+        self.restored_resultants: dict[str, Array] | None = None
 
         # All terms of a kind are compiled together, so that their arrays and forms are shared.
         kinds: dict[Compiler, list[Term]] = {}
@@ -376,10 +381,21 @@ class System:
             kind = type(compiled)
             if self._items_of(kind) == other._items_of(kind):
                 pairs += [(compiled, there) for there in other.compiled_as(kind)]
-        for part, source in pairs:
-            history = source.shape_history()
-            if history is not None:
-                part.set_history(history)
+        histories = [(part, source, source.shape_history()) for part, source in pairs]
+        taken = [each for each in histories if each[2] is not None]
+        of_cells = False
+        for part, source, _ in taken:
+            there = source.cell_history()
+            for name, (_, values) in part.cell_history().items():
+                # An equilibrium has no strains of viscoelastic branches, which have relaxed.
+                if name in there:
+                    values[:] = there[name][1]
+                    of_cells = True
+        if of_cells:
+            # Strains follow from temperatures.
+            self.restart()
+        for part, _, history in taken:
+            part.set_history(history)
         if self.constraints and self.constraints.can_switch:
             # What latches hold now, the velocities have to fit.
             self.constraints.validate(self.q0, self.v0, self.free_marks())
@@ -428,10 +444,15 @@ class System:
         return free
 
     def restart(self) -> None:
-        """Update all derived quantities from `previous` and q0, which the caller has set: histories
-        and extrapolations follow from the last step.  q1 becomes equal to q0.  Collective."""
-        self._take_time()
-        for q in (self.previous, self.q0):
+        """Update all derived quantities from `previous` and q0, and their times, which the caller has
+        set: histories and extrapolations follow from the last step.  q1 becomes equal to q0.
+        Collective."""
+        start = self.previous_time
+        if self.rule.is_static:
+            # The time of a pseudo-step is none at which loads were asked for.
+            start = self.time
+        for time, q in ((start, self.previous), (self.time, self.q0)):
+            self._take_time(time)
             self.set_end(q)
             self._commit()
 
@@ -471,7 +492,7 @@ class System:
         self.v0.array[:] = rates
         self.q0.array[:] = start
         self.h = -self.h
-        self._take_time()
+        self._take_time(t)
         self.set_end(self.q0)
         for at in self.coordinates.values():
             at.q0.x.array[:] = at.q1.x.array
@@ -757,7 +778,9 @@ class System:
             # Multipliers have no rate.
             self.v0.array[self.constraints.owned] = 0
         self._commit()
+        self.previous_time = self.time
         self.time += self.h
+        self.restored_resultants = None
         for recorder in self.recorders:
             recorder()
 
@@ -769,17 +792,18 @@ class System:
         # On several ranks PETSc keeps what was dropped in the step that was restored before this.
         PETSc.garbage_cleanup(self.comm)
         self.time = t
+        self.previous_time = t
         self.v0.array[:] = v
         self.q0.array[:] = q
         self.q0.copy(self.previous)
-        self._take_time()
+        self._take_time(t)
         self.set_end(self.q0)
         self._commit()
 
-    def _take_time(self) -> None:
-        """Give the time of the accepted state to terms that depend on it."""
+    def _take_time(self, t: float) -> None:
+        """Give the time t [s] of the state that follows to terms that depend on it."""
         for compiled in self.compiled:
-            compiled.take_time(self.time)
+            compiled.take_time(t)
 
     def _commit(self) -> None:
         """Make q1 and its strains the start of the next step."""
@@ -837,6 +861,22 @@ class System:
             mass=mass,
             mass_supplied=mass_supplied,
         )
+
+    def resultants(self) -> dict[str, Array]:
+        """Force [N] and torque about the origin [N m], (2, 3), of each load over the last step, by
+        its name; the same on every rank.  Collective."""
+        if self.restored_resultants is not None:
+            return self.restored_resultants
+        total: dict[str, Array] = {}
+        own: dict[str, Array] = {}
+        for compiled in self.compiled:
+            for name, value in compiled.resultants().items():
+                own[name] = own.get(name, 0.0) + value
+        # A load on a point is known to one rank only.
+        for of_rank in self.comm.allgather(own):
+            for name, value in of_rank.items():
+                total[name] = total.get(name, 0.0) + value
+        return total
 
     # ---- the residual, for solvers ---------------------------------------------------------------
 

@@ -1,0 +1,105 @@
+"""Signs of the eigenvalues of a stiffness: the number of modes between two frequencies, and the
+stability of an equilibrium; `natural_modes` has the equations (2) and (4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.system.system import System
+
+# What `count_unstable` returns where stability is not known.
+UNKNOWN = -1
+
+# Norm of K - Kᵀ over that of K, up to which a stiffness counts as symmetric: round-off.
+SYMMETRY = 1e-10
+
+DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+
+def is_symmetric(K: PETSc.Mat) -> bool:
+    """Whether a matrix is symmetric up to round-off.  Collective."""
+    difference = K.transpose(PETSc.Mat())
+    difference.axpy(-1.0, K, DIFFERENT_PATTERN)
+    result = difference.norm() <= SYMMETRY * K.norm()
+    difference.destroy()
+    return bool(result)
+
+
+class Spectrum:
+    """Counts the modes of K φ = ω² M φ between two squares of frequencies.  K is symmetric, with
+    the gas chambers' κ g⊗g in addition; rows of fixed coordinates are those of the unit matrix in K
+    and zero in M."""
+
+    def __init__(
+        self, K: PETSc.Mat, M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]
+    ) -> None:
+        self.comm = K.comm
+        self._K = K
+        self._M = M
+        self._stiffnesses = stiffnesses
+        self._below: dict[float, int] = {}
+
+    def count(self, low: float, high: float) -> int:
+        """Number of modes with ω² between two shifts [rad²/s²]; `RuntimeError` if MUMPS could not
+        factorise the matrix at one of them.  Collective."""
+        for shift in (low, high):
+            if shift not in self._below:
+                self._below[shift] = self.negative_pivots(shift)
+        return self._below[high] - self._below[low]
+
+    def negative_pivots(self, shift: float) -> int:
+        """Number of negative eigenvalues of K + Σ κ g⊗g - σ M, less a number that is the same at
+        every shift."""
+        A = self._K.convert("aij", PETSc.Mat())
+        A.axpy(-shift, self._M, DIFFERENT_PATTERN)
+        factors = factorisation.SymmetricFactors(A)
+        if factors.problem:
+            raise RuntimeError(f"no inertia at the shift {shift:.6g}: {factors.problem}")
+        negative = factors.negative
+        if self._stiffnesses:
+            # n₋(-κ⁻¹ - Uᵀ A⁻¹ U) of (4); n₋(-κ⁻¹) is the same at every shift.
+            inner = factorisation.LowRankUpdate(A, self._stiffnesses, factors.pc.apply).inner
+            negative += (np.linalg.eigvalsh(-(inner + inner.T) / 2) < 0).sum()
+        factors.destroy()
+        A.destroy()
+        return int(negative)
+
+
+def count_unstable(system: System, K: PETSc.Mat) -> int:
+    """Number of negative eigenvalues of the stiffness in the state of a system, whose tangent
+    without inertia is K; `UNKNOWN` if it is not symmetric, gas
+    flows, or the factorisation fails.  Collective."""
+    stiffnesses = []
+    for scalars in system.scalar_unknowns:
+        if not scalars.is_closed:
+            return UNKNOWN
+        for gradient, stiffness in scalars.static_stiffness():
+            gradient = gradient.copy()
+            gradient[system.supports.held] = 0.0
+            if stiffness:
+                stiffnesses.append((gradient, stiffness))
+    if not is_symmetric(K):
+        return UNKNOWN
+    try:
+        negative = Spectrum(K, system.M, stiffnesses).negative_pivots(0.0)
+    except RuntimeError:
+        return UNKNOWN
+    # The matrix of which these are pivots has one of -1/κ for each gas.
+    negative -= sum(stiffness > 0 for _, stiffness in stiffnesses)
+    return negative - active_multipliers(system)
+
+
+def active_multipliers(system: System) -> int:
+    """Number of Lagrange multipliers with an equation, each of which adds a negative eigenvalue to
+    the tangent.  Collective."""
+    if system.constraints is None:
+        return 0
+    owned = system.constraints.owned
+    held = system.supports.held
+    idle = ((held >= owned.start) & (held < owned.stop)).sum()
+    return int(system.comm.allreduce(int(owned.stop - owned.start - idle)))
