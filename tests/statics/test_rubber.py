@@ -104,9 +104,7 @@ def test_balloon_of_neo_hooke_passes_its_limit_point(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize(("λ", "unstable"), [(1.2, 0), (2.0, 1), (3.5, 0)])
 def test_a_balloon_found_between_its_limit_points_is_not_stable(comm, caplog, λ, unstable):
-    film = gx.Membrane(
-        octant(comm, 4), MOONEY_RIVLIN, order=2, displacement=lambda X: (λ - 1) * X
-    )
+    film = gx.Membrane(octant(comm, 4), MOONEY_RIVLIN, order=2, displacement=lambda X: (λ - 1) * X)
     held = [gx.Fixed(film, name, components=(axis,)) for axis, name in enumerate("xyz")]
     pressure = 2 * (1 / λ - λ**-7) * (1 + 0.1 * λ**2) / 1.1
     load = gx.Pressure(film, pressure * μ * FILM["thickness"] / RADIUS)

@@ -1,4 +1,4 @@
-"""An equilibrium as a result: whether it is regular, stable and unique, and the warnings about it."""
+"""An equilibrium as a result: whether it is regular, stable and unique, and the warnings."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ class EquilibriumResult:
         prestress: of the films, cables and beams that have one, by their names: which stress or
             tension was asked for, and which is left.
 
-    An equilibrium that is not regular, not stable, not within its tolerance, or in which a part has less than
-    90 % of its prestress, is also reported by a warning in the log.
+    An equilibrium that is not regular, not stable, not within its tolerance, or in which a part has
+    less than 90 % of its prestress, is also reported by a warning in the log.
 
     Example:
         >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
@@ -153,8 +153,8 @@ def warn_of_lost_loads(search: Search) -> None:
 
 
 def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
-    """Warn of an equilibrium that has lost prestress, is above the tolerance, not unique, not regular
-    or not stable."""
+    """Warn of an equilibrium that has lost prestress, is above the tolerance, not unique, not
+    regular or not stable."""
     if search.comm.rank > 0:
         return
     lost = lost_prestress_words(dict(result.prestress))

@@ -102,7 +102,9 @@ class NeoHooke(FilmLaw):
         return taut_or_relaxed + u * _small_strain_energy(e, c.shear_modulus, c)
 
     def unwrinkled(self) -> FilmLaw:
-        return _SmallStrain(lambda c: c.shear_modulus, density=self.density, thickness=self.thickness)
+        return _SmallStrain(
+            lambda c: c.shear_modulus, density=self.density, thickness=self.thickness
+        )
 
     def state(self, e: Expr, c: Any) -> Expr:
         return self._by_state(e, TAUT, WRINKLED, SLACK)

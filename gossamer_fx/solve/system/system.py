@@ -444,8 +444,8 @@ class System:
         return free
 
     def restart(self) -> None:
-        """Update all derived quantities from `previous` and q0, and their times, which the caller has
-        set: histories and extrapolations follow from the last step.  q1 becomes equal to q0.
+        """Update all derived quantities from `previous` and q0, and their times, which the caller
+        has set: histories and extrapolations follow from the last step.  q1 becomes equal to q0.
         Collective."""
         start = self.previous_time
         if self.rule.is_static:
