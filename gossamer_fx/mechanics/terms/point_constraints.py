@@ -656,10 +656,11 @@ def multipliers_in_space(system: Assembly) -> npt.NDArray[np.int64]:
     components of a force or moment in space, which turns with the bodies: x_a - x_b = 0 has such
     ones, a product of two directors has not."""
     terms = [term for term in system.terms if isinstance(term, PointConstraint)]
-    found = [np.zeros((0, 3), dtype=np.int64)]
+    found: list[npt.NDArray[np.int64]] = [np.zeros((0, 3), dtype=np.int64)]
     for k, term in enumerate(terms):
         owned = system.numbering.owned(len(system.bodies) + k)
-        multipliers = np.arange(owned.start, owned.stop).reshape(-1, len(term.measure.L))
+        owned_numbers = np.arange(owned.start, owned.stop, dtype=np.int64)
+        multipliers = owned_numbers.reshape(-1, len(term.measure.L))
         for first in range(0, len(term.measure.L) - 2, 3):
             if _is_vector(term.measure, slice(first, first + 3)):
                 found.append(multipliers[:, first : first + 3])
