@@ -304,7 +304,10 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
     ("probe", "words"),
     [
         (lambda run: float("nan"), "returns nan"),
-        (lambda run: np.float64("inf"), "it returns inf; record its inverse, lambda run: 1 / probe"),
+        (
+            lambda run: np.float64("inf"),
+            "it returns inf; record its inverse, lambda run: 1 / probe",
+        ),
         (lambda run: 1 / 0, "ZeroDivisionError"),
         (lambda run: "much", "it returns 'much'"),
         (gx.probes.Position(falling_film().port("top right"), "x"), "not in the scene"),
