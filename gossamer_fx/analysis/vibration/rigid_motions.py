@@ -261,7 +261,7 @@ def _motions(
         in_part = part == c
         size = comm.allreduce(int(in_part.sum()))
         forces = _triangle(comm, Y[:, in_part].T)
-        # Forces of joints are no motion.
+        # Without the forces of joints.
         moved = _triangle(comm, R[:, in_part & is_coordinate].T)
         motions = _null_space(forces, moved, size)
         # Rotations were scaled by the radius.

@@ -106,6 +106,7 @@ class BodyShape:
         self._state = system.state[body]
         # Converts unknowns of the body to those of the mesh; of a reduced film they differ.
         self._reconstruct = body.reconstruct
+        self._given_body = body
         self.body: Any = body.full
         # Positions q [m] and velocities v [m/s] of the body
         self.q = fem.Function(self.body.space)
@@ -173,7 +174,7 @@ class BodyShape:
         `path_points`."""
         e0, e1 = self.strain_path()
         is_point = e0 is e1
-        body = self._state.body
+        body = self._given_body
         check(
             not has_unknown_stress(body, self._system),
             f"'{body.name}': the stress of a film that is reduced and relaxes is not known in all "

@@ -502,7 +502,7 @@ def _default_fields(body: Body, run: StateView) -> tuple[str, ...]:
     """Names of the fields of a body that are recorded if none were asked for."""
     if not isinstance(body, Membrane):
         return ("displacement",)
-    fields = FILM_FIELDS
+    fields: tuple[str, ...] = FILM_FIELDS
     if has_unknown_stress(body, run.system):
         fields = tuple(name for name in FILM_FIELDS if name != "stress1")
     enclosures = [state.chamber.enclosure for state in run.chambers.values()]

@@ -125,8 +125,8 @@ def can_be_eliminated(system: System, unknowns: Indices) -> bool:
     largest = max(MAX_ELIMINATED, MAX_SHARE * numbering.size)
     if numbering.block_size != 3 or not 0 < len(rest) <= largest:
         return False
-    rows = (numbering.start + unknowns).tolist()
-    coupled = sum(not np.isin(system.A.getRow(row)[0], rest).all() for row in rows)
+    rows = numbering.start + unknowns
+    coupled = sum(not np.isin(system.A.getRow(int(row))[0], rest).all() for row in rows)
     if system.active_sets:
         assert system.constraints is not None
         multipliers = system.constraints.owned
@@ -379,6 +379,7 @@ class EliminatedJoints:
         right = np.zeros(len(self._all_rest))
         right[self._bound] = -(self._C @ of_films[self._coupled])
         right[self._own] += values[self._rest]
+        assert self._schur is not None, "problem is empty"
         of_rest = self._schur.solve(self._sum(right))
         if not np.isfinite(of_rest).all():
             self.problem = SINGULAR

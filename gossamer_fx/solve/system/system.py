@@ -381,8 +381,11 @@ class System:
             kind = type(compiled)
             if self._items_of(kind) == other._items_of(kind):
                 pairs += [(compiled, there) for there in other.compiled_as(kind)]
-        histories = [(part, source, source.shape_history()) for part, source in pairs]
-        taken = [each for each in histories if each[2] is not None]
+        taken = []
+        for part, source in pairs:
+            history = source.shape_history()
+            if history is not None:
+                taken.append((part, source, history))
         of_cells = False
         for part, source, _ in taken:
             there = source.cell_history()
