@@ -57,9 +57,14 @@ def claims() -> dict[str, str]:
     """What the first page says, by what it is about."""
     airbag = points("airbag", "gossamer")
     kratos = points("airbag", "kratos")
-    antenna = points("pendulum", "gossamer, P1")[0]
-    fine_antenna = points("pendulum", "gossamer, P2")[-1]
+    antenna = points("pendulum", "gossamer, P1")
+    quadratic = points("pendulum", "gossamer, P2")
     exudyn = points("pendulum", "exudyn")
+
+    def heights(meshes: list[Result]) -> str:
+        errors = [f"{one.numbers['error']:.2g}" for one in meshes]
+        return f"{', '.join(errors)} mm"
+
     return {
         "airbag": (
             f"{percent(airbag[1].numbers['error'])} in {seconds(airbag[1])} here, "
@@ -70,10 +75,10 @@ def claims() -> dict[str, str]:
             f"{percent(kratos[-1].numbers['error'])} in {seconds(kratos[-1])} by Kratos"
         ),
         "antenna": (
-            f"{antenna.numbers['error']:.2g} mm in {seconds(antenna)} and "
-            f"{fine_antenna.numbers['error']:.2g} mm in {seconds(fine_antenna)} here, "
-            f"{exudyn[0].numbers['error']:.2g} mm in {seconds(exudyn[0])} and "
-            f"{exudyn[-1].numbers['error']:.2g} mm in {seconds(exudyn[-1])} by Exudyn"
+            f"{heights(antenna)} here (P1, {antenna[0].numbers['cpu']:.3g} to "
+            f"{seconds(antenna[-1])}), {heights(quadratic[:1])[:-3]} and {heights(quadratic[1:])} "
+            f"(P2, to {seconds(quadratic[-1])}), {heights(exudyn)} by Exudyn "
+            f"({exudyn[0].numbers['cpu']:.3g} to {seconds(exudyn[-1])})"
         ),
         "strip": (
             f"Kratos {ratios('strip', 'kratos', (4e-3, 3e-3, 1e-3, 2.2e-4))}; "

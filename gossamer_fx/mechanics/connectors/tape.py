@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure, evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import Array, Attached, Port, combine
 from gossamer_fx.core.model.state import State
@@ -28,10 +28,6 @@ from gossamer_fx.mechanics.terms.point_energies import (
     one_sided_average,
     one_sided_energy,
 )
-
-# Length of an edge over that of the longest one below which its two nodes coincide: far above
-# round-off of coordinates, far below any cell.
-SHORTEST_EDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -95,7 +91,7 @@ class Tape:
 
         Raises:
             InputError: the factor is not positive, the mesh has no such group of curves, or the
-                group has no edges or one without length.
+                group has no edges.
         """
         check(
             0 < length_factor < math.inf,
@@ -139,8 +135,6 @@ class Tape:
             f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; "
             "put a line of its edges into the group.",
         )
-        midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
-        _refuse_edges_without_length(body, edges, own_lengths, midpoints, name)
         pairs = [(Port(body, (a,)), Port(body, (b,))) for _, a, b, _ in bars]
         lengths = [length_factor * length for *_, length in bars]
         return Tape(body, law, bars=pairs, lengths=lengths, name=name)
@@ -279,24 +273,3 @@ def _stretch(a: Port, b: Port, square: float) -> Port:
     port = combine((square**0.5, -(square**0.5)), (b, a))
     assert isinstance(port, Port)
     return port
-
-
-def _refuse_edges_without_length(
-    body: Membrane, edges: str, lengths: Array, midpoints: Array, name: str
-) -> None:
-    """Check that no edge of a tape, with the lengths (n,) and midpoints (n, 3) [m] of those of this
-    rank, has ends that coincide.  Collective."""
-    longest = body.comm.allreduce(float(lengths.max(initial=0.0)), MPI.MAX)
-    bad = np.flatnonzero(lengths <= SHORTEST_EDGE * longest)
-    own_point = tuple(midpoints[bad[0]].tolist()) if len(bad) else None
-    points = [point for point in body.comm.allgather(own_point) if point is not None]
-    if not points:
-        return
-    # To the nanometre, so that round-off of zero is zero.
-    x, y, z = (round(coordinate, 9) + 0.0 for coordinate in points[0])
-    raise InputError(
-        f"Tape '{name}' on '{body.name}': "
-        f"the group '{edges}' has an edge without length at ({x:.6g}, {y:.6g}, {z:.6g}) m, "
-        "as a revolved mesh has at its pole; "
-        "merge the nodes there, or leave this edge out of the group."
-    )

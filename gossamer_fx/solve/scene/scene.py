@@ -115,9 +115,11 @@ class StartFrom:
         angular velocities, with which directors turn."""
         for body in start:
             made = body.coordinates().copy()
-            rates = body.rates().copy()
             start.place(body.body, self._coordinates(body))
-            start.set_in_motion(body.body, _rates_of_turned(rates, made, body.coordinates()))
+            # The vectors of a reduced film are the coefficients of its modes.
+            if not _is_reduced(body.body):
+                rates = _rates_of_turned(body.rates().copy(), made, body.coordinates())
+                start.set_in_motion(body.body, rates)
 
     def _coordinates(self, here: BodyState) -> Array:
         """Positions [m] and directors of this rank's nodes of the body of the same name in the
@@ -125,9 +127,7 @@ class StartFrom:
         a full film."""
         body = here.body
         there = self.system.state.named(body.name)
-        full = body.full if is_on_mesh(body) else body
-        # Only a reduced film differs from its full one.
-        from_full = full is not body and there is not None and there.body is full
+        from_full = _is_reduced(body) and there is not None and there.body is body.full
         check(
             there is not None and (from_full or there.body.block.size == body.block.size),
             f"'{self.name}' has no body '{body.name}' like this scene's; "
@@ -143,6 +143,11 @@ class StartFrom:
             f"'{body.name}' has other nodes in '{self.name}'; use the same mesh.",
         )
         return values
+
+
+def _is_reduced(body: Body) -> bool:
+    """Whether a body is a reduced film: only that differs from its full one."""
+    return is_on_mesh(body) and body.full is not body
 
 
 def _rates_of_turned(rates: Array, made: Array, placed: Array) -> Array:
