@@ -306,9 +306,11 @@ def test_hinged_panels_are_eliminated_as_few_of_them_hold_the_film(comm):
     monkeypatch.undo()
     assert other.solver.newton.ksp.getType() == "preonly"
     other.run(until=3e-3)
-    difference = run.system.q0.copy()
-    difference.axpy(-1.0, other.system.q0)
-    assert difference.norm() < 1e-7 * other.system.q0.norm()
+    # Nodes of the two meshes may be divided among the ranks in different ways.
+    assert run.totals.kinetic == pytest.approx(other.totals.kinetic, rel=1e-8)
+    for name, energy in other.totals.stored.items():
+        assert run.totals.stored[name] == pytest.approx(energy, rel=1e-6, abs=1e-10)
+    assert run.system.q0.norm() == pytest.approx(other.system.q0.norm(), rel=1e-9)
 
 
 @pytest.mark.mpi
