@@ -127,7 +127,9 @@ class StartFrom:
         a full film."""
         body = here.body
         there = self.system.state.named(body.name)
-        from_full = _is_reduced(body) and there is not None and there.body is body.full
+        # Only a reduced film differs from its full one.
+        full = body.full if is_on_mesh(body) else body
+        from_full = full is not body and there is not None and there.body is full
         check(
             there is not None and (from_full or there.body.block.size == body.block.size),
             f"'{self.name}' has no body '{body.name}' like this scene's; "
@@ -146,7 +148,7 @@ class StartFrom:
 
 
 def _is_reduced(body: Body) -> bool:
-    """Whether a body is a reduced film: only that differs from its full one."""
+    """Whether a body is a reduced film."""
     return is_on_mesh(body) and body.full is not body
 
 
