@@ -123,12 +123,12 @@ def assess(search: Search, at: float) -> tuple[tuple[str, ...], bool, int]:
     free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
     if free or not converges:
         return free, False, UNKNOWN
-    if not is_symmetric(K):
-        return free, bool(system.scalar_unknowns) or not factorisation.is_singular(K), UNKNOWN
     # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.
     if system.scalar_unknowns:
         return free, True, count_unstable(system, K)
-    factors = factorisation.SymmetricFactors(K, is_equilibrated=True)
+    if not is_symmetric(K):
+        return free, not factorisation.is_singular(K), UNKNOWN
+    factors = factorisation.SymmetricFactors(factorisation.equilibrated(K))
     is_regular = not factors.is_singular()
     unstable = factors.negative - active_multipliers(system) if is_regular else UNKNOWN
     factors.destroy()

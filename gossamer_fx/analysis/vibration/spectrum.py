@@ -55,6 +55,7 @@ class Spectrum:
     def negative_pivots(self, shift: float) -> int:
         """Number of negative eigenvalues of K + Σ κ g⊗g - σ M, less a number that is the same at
         every shift."""
+        # The symmetric factorisation takes neither blocks nor a dense matrix.
         A = self._K.convert("aij", PETSc.Mat())
         A.axpy(-shift, self._M, DIFFERENT_PATTERN)
         factors = factorisation.SymmetricFactors(A)
@@ -66,14 +67,13 @@ class Spectrum:
             inner = factorisation.LowRankUpdate(A, self._stiffnesses, factors.pc.apply).inner
             negative += (np.linalg.eigvalsh(-(inner + inner.T) / 2) < 0).sum()
         factors.destroy()
-        A.destroy()
         return int(negative)
 
 
 def count_unstable(system: System, K: PETSc.Mat) -> int:
     """Number of negative eigenvalues of the stiffness in the state of a system, whose tangent
-    without inertia is K; `UNKNOWN` if it is not symmetric, gas
-    flows, or the factorisation fails.  Collective."""
+    without inertia is K; `UNKNOWN` if it is not symmetric, gas flows, or the factorisation fails.
+    Collective."""
     stiffnesses = []
     for scalars in system.scalar_unknowns:
         if not scalars.is_closed:

@@ -411,14 +411,25 @@ class FixedBlocks:
         self, numbering: Numbering, rows: Numbers, columns: Numbers, blocks: Array
     ) -> None:
         """Take the array of the blocks (b, 9), each column by column, whose values may change, and
-        the global indices `rows` and `columns` (b,) at which they begin."""
+        the global indices `rows` and `columns` (b,) at which they begin, in ascending order of the
+        rows."""
         self._numbering = numbering
-        self._rows = rows
-        self._columns = columns
+        self._block_rows = rows // 3
+        self._block_columns = columns // 3
         self._blocks = blocks
         # The last matrix of `add`, and what adds to it if it is on one rank and of fixed pattern.
         self._matrix: PETSc.Mat | None = None
         self._enter: Callable[[], None] | None = None
+        # What PETSc takes otherwise.  A matrix whose own blocks have this size takes them as they
+        # are, by their numbers.
+        if numbering.block_size == 3:
+            block_rows, counts = np.unique(self._block_rows, return_counts=True)
+            self._rows = block_rows.astype(PETSc.IntType)
+            self._starts = np.append(0, np.cumsum(counts)).astype(PETSc.IntType)
+            self._columns = self._block_columns.astype(PETSc.IntType)
+        else:
+            self._rows = (rows[:, None] + np.arange(3)).astype(PETSc.IntType)
+            self._columns = (columns[:, None] + np.arange(3)).astype(PETSc.IntType)
 
     def add(self, A: PETSc.Mat) -> None:
         """Add the blocks to a matrix, which is not assembled afterwards."""
@@ -426,22 +437,19 @@ class FixedBlocks:
             self._matrix = A
             self._enter = None
             if A is self._numbering.fixed:
-                self._enter = block_entry(A, self._rows // 3, self._columns // 3, self._blocks)
+                self._enter = block_entry(A, self._block_rows, self._block_columns, self._blocks)
         if self._enter is not None:
             self._enter()
             A.stateIncrease()
             return
         blocks = self._blocks.reshape(-1, 3, 3).transpose(0, 2, 1)
-        # A matrix whose own blocks have this size takes them as they are, by their numbers.
         if self._numbering.block_size == 3:
             A.setValuesBlockedIJV(
-                np.arange(len(blocks) + 1, dtype=PETSc.IntType),
-                (self._columns // 3).astype(PETSc.IntType),
+                self._starts,
+                self._columns,
                 blocks.ravel(),
                 addv=PETSc.InsertMode.ADD_VALUES,
-                rowmap=(self._rows // 3).astype(PETSc.IntType),
+                rowmap=self._rows,
             )
         else:
-            of_three = np.arange(3)
-            rows = self._rows[:, None] + of_three
-            add_blocks(A, rows, self._columns[:, None] + of_three, blocks)
+            add_blocks(A, self._rows, self._columns, blocks)

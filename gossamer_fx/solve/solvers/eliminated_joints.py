@@ -125,12 +125,13 @@ def can_be_eliminated(system: System, unknowns: Indices) -> bool:
     largest = max(MAX_ELIMINATED, MAX_SHARE * numbering.size)
     if numbering.block_size != 3 or not 0 < len(rest) <= largest:
         return False
-    rows = numbering.start + unknowns
-    coupled = sum(not np.isin(system.A.getRow(int(row))[0], rest).all() for row in rows)
     if system.active_sets:
         assert system.constraints is not None
         multipliers = system.constraints.owned
-        coupled = len(rows) - (multipliers.stop - multipliers.start)
+        coupled = len(unknowns) - (multipliers.stop - multipliers.start)
+    else:
+        rows = numbering.start + unknowns
+        coupled = sum(not np.isin(system.A.getRow(int(row))[0], rest).all() for row in rows)
     return system.comm.allreduce(coupled) <= MAX_ELIMINATED
 
 

@@ -346,7 +346,7 @@ def is_singular(A: PETSc.Mat) -> bool:
     two steps of inverse iteration from a random vector.  A matrix whose factorisation fails counts
     as singular.
     """
-    B = _equilibrated(A)
+    B = equilibrated(A)
     ksp = _solver(B)
     singular = _amplifies(B, lambda b, x: _solve(ksp, b, x))
     ksp.destroy()
@@ -375,8 +375,8 @@ class SymmetricFactors:
     """Factors L D Lᵀ by MUMPS of a symmetric matrix, which take half the operations of LU.
 
     Args:
-        is_equilibrated: whether rows and columns are scaled, see `is_singular`, which leaves the
-            signs of the eigenvalues as they are.
+        A: a matrix of PETSc's type "aij", which is taken over.  One from `equilibrated` has
+            eigenvalues of the same signs.
 
     Attributes:
         pc: solves with the matrix.
@@ -385,12 +385,11 @@ class SymmetricFactors:
             eigenvalues.
     """
 
-    def __init__(self, A: PETSc.Mat, *, is_equilibrated: bool = False) -> None:
-        # The symmetric factorisation takes neither blocks nor a dense matrix.
-        self._matrix = _equilibrated(A) if is_equilibrated else A.convert("aij", PETSc.Mat())
-        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    def __init__(self, A: PETSc.Mat) -> None:
+        self._matrix = A
+        A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.pc = PETSc.PC().create(A.comm)
-        self.pc.setOperators(self._matrix)
+        self.pc.setOperators(A)
         self.pc.setType("cholesky")
         self.pc.setFactorSolverType("mumps")
         self.pc.setFactorSetUpSolverType()
@@ -420,12 +419,12 @@ class SymmetricFactors:
         return _amplifies(self._matrix, solve_with_factors)
 
     def destroy(self) -> None:
-        """Free the factors and the copy of the matrix.  Collective."""
+        """Free the factors and the matrix.  Collective."""
         self.pc.destroy()
         self._matrix.destroy()
 
 
-def _equilibrated(A: PETSc.Mat) -> PETSc.Mat:
+def equilibrated(A: PETSc.Mat) -> PETSc.Mat:
     """A new matrix D A D whose rows have largest entries of about one."""
     B = A.convert("aij", PETSc.Mat())
     scale = B.createVecLeft()
