@@ -68,7 +68,7 @@ def test_load_steps_without_inertia_roll_a_beam_up_in_half_of_the_iterations(
         assert np.linalg.norm(search.system.state.vector(beam.port("end"))) < 1e-3
         return used
 
-    # 60 and 121
+    # 60 and 143
     assert iterations(8, first_step=1e6) < 0.6 * iterations(1, first_step=2e-3)
 
 
