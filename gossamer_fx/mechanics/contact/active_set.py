@@ -164,7 +164,11 @@ class Activation:
         history.share(mesh.comm, own_numbers)
         # Of the m points that this rank knows.
         self._of_points = history.activation_distance
-        # Those of pairs, and the objects from which they follow: computed again with either.
+        self.forget_pairs()
+
+    def forget_pairs(self) -> None:
+        """Free what is known about pairs."""
+        # Their distances, and the objects from which they follow: computed again with either.
         self._candidates: CandidatePairs | None = None
         self._used: Array | None = None
         self._of_pairs: Array = np.zeros(0)

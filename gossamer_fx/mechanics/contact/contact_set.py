@@ -409,6 +409,10 @@ class ContactSet:
             self._v = self._velocities()
             return StepPoints(self.x0, self._v, end())
 
+        # The tables of the last search are freed before the next one makes its own.
+        self._start = None
+        self._solved = None
+        self.activation.forget_pairs()
         self.search.find(read, system.time, system.h)
         self.activation.update_points()
 

@@ -27,11 +27,11 @@ Algorithm.
        z = P (Pᵀ A P)⁻¹ Pᵀ r,                                                                 (3)
 
    with Pᵀ A P factorised by MUMPS, on every rank as a whole.
-6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, its inverse is replaced by one
-   V-cycle of PETSc's multigrid that smooths on the way up only.  Its levels are affine functions
-   on large patches, P2, and where these are many on groups of them, P3, which cross the boundaries
-   of ranks.  They are linear combinations of those on the patches below, so that Pᵀ P2 and P2ᵀ P3
-   take one level to the next.  One rank factorises the matrix of the last level.
+6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, it becomes a level of its own,
+   with an incomplete factorisation, of PETSc's multigrid.  Below it are affine functions on large
+   patches, P2, and where these are many on groups of them, P3, which cross the boundaries of ranks.
+   They are linear combinations of those on the patches above, so that Pᵀ P2 and P2ᵀ P3 take one
+   level to the next.  One rank factorises the matrix of the last level.
 
 Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511)
 without smoothing.
@@ -62,7 +62,6 @@ from scipy.sparse.csgraph import connected_components
 from gossamer_fx.core.algebra.numbering import PREFIX
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns, is_on_mesh
-from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.system import System
 
 Indices = npt.NDArray[np.integer]
@@ -101,6 +100,9 @@ SMOOTHER_LEVELS = 2
 # parts that overlap by two patches are twice as large as without, by three patches three times.
 SMOOTHER_OVERLAP = 2
 
+# Workspace of MUMPS over its estimate, less one [%], for the coarse matrix.
+WORKSPACE_MARGIN = 100
+
 # Eigenvalues of a Gram matrix below this fraction of the largest one are dropped: the patch is flat
 # or straight in their direction, up to a thirtieth of its extent.
 FLATNESS = 1e-3
@@ -115,78 +117,97 @@ NONE: Indices = np.zeros(0, dtype=np.int64)
 
 
 class CoarseSpace:
-    """Solves (3) for a matrix of the system."""
+    """The levels of a multigrid preconditioner below the mesh.
+
+    Attributes:
+        interpolations: between the levels, the finest first: P, and in large systems Pᵀ P2 and
+            P2ᵀ P3.
+    """
 
     def __init__(self, system: System, condensed: Indices = NONE) -> None:
-        """Build P of equation (2), without `condensed` unknowns (k,) of this rank, and a solver for
-        the coarse matrix.  Collective."""
-        self._P = prolongation(system, condensed=condensed)
+        """Build the levels, without `condensed` unknowns (k,) of this rank.  Collective."""
+        P = prolongation(system, condensed=condensed)
+        self.interpolations = [P]
+        if P.getSize()[1] * P.comm.size > MAX_UNKNOWNS_FACTORISED:
+            self.interpolations += _interpolations(system, P, condensed)
         self._scalar_matrix: PETSc.Mat | None = None  # A, stored by single numbers
-        self._coarse_matrix: PETSc.Mat | None = None  # Pᵀ A P
-        # Of a V-cycle, Pᵀ P2 and P2ᵀ P3, if it is needed
-        self._interpolations: list[PETSc.Mat] = []
-        coarse_unknowns = self._P.getSize()[1]
-        if coarse_unknowns * self._P.comm.size > MAX_UNKNOWNS_FACTORISED:
-            self._interpolations = _interpolations(system, self._P, condensed)
-        self._own_matrix: PETSc.Mat | None = None  # Pᵀ A P as a whole, on each rank
-        self._solver = self._new_solver()
-        self._r = self._P.createVecRight()
-        self._z = self._P.createVecRight()
-        if not self._interpolations:
-            # To the vector of all coarse unknowns that each rank has.
-            self._gather, self._all_r = PETSc.Scatter.toAll(self._r)
-            self._all_z = self._all_r.duplicate()
+        # Pᵀ A P, and those of the levels below
+        self._matrices: list[PETSc.Mat | None] = [None] * len(self.interpolations)
 
-    def _new_solver(self) -> PETSc.PC:
-        """A factorisation of the coarse matrix, or a V-cycle if it is large."""
-        if self._interpolations:
-            solver = PETSc.PC().create(self._P.comm)
-            _choose_multigrid(solver, self._interpolations)
-        else:
-            solver = PETSc.PC().create(PETSc.COMM_SELF)
-            factorisation.choose(solver)
-        return solver
-
-    def recover(self) -> None:
-        """Become usable again after a matrix that was not finite.  A factorisation does so by
-        itself, and retains its ordering."""
-        if self._interpolations:
-            self._solver.destroy()
-            self._solver = self._new_solver()
-
-    def set_up(self, A: PETSc.Mat) -> None:
-        """Compute Pᵀ A P and set up its solver; A has the same pattern at every call."""
+    def set_up(self, A: PETSc.Mat, multigrid: PETSc.PC) -> None:
+        """Compute the matrices of the levels, and set up their solvers in a preconditioner from
+        `new_multigrid`; A has the same pattern at every call.  Collective."""
         # PETSc has no product of a matrix stored by blocks with P.
         self._scalar_matrix = A.convert("aij", out=self._scalar_matrix or PETSc.Mat())
-        self._coarse_matrix = self._scalar_matrix.PtAP(self._P, self._coarse_matrix)
-        self._set_up_solver(self._coarse_matrix)
+        matrix = self._scalar_matrix
+        for k, interpolation in enumerate(self.interpolations):
+            matrix = matrix.PtAP(interpolation, self._matrices[k])
+            self._matrices[k] = matrix
+        self._set_up_solvers(multigrid)
 
-    def _set_up_solver(self, coarse_matrix: PETSc.Mat) -> None:
-        """Factorise the coarse matrix, or set up its V-cycle."""
-        if self._interpolations:
-            self._solver.setOperators(coarse_matrix)
-            self._solver.setUp()
-            return
-        self._own_matrix = coarse_matrix.getRedundantMatrix(
-            self._P.comm.size, PETSc.COMM_SELF, self._own_matrix
-        )
-        self._solver.setOperators(self._own_matrix)
-        factorisation.set_up(self._solver)
+    def _set_up_solvers(self, multigrid: PETSc.PC) -> None:
+        """Factorise the matrices of the levels, all but the last one incompletely."""
+        # PETSc counts levels from the coarsest.
+        for level, matrix in enumerate(reversed(self._matrices)):
+            solver = multigrid.getMGSmoother(level)
+            solver.setOperators(matrix)
+            solver.setUp()
 
-    def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Set z [m] to the coarse solution (3) for a residual r [N].  Collective."""
-        self._P.multTranspose(r, self._r)
-        self._solve_reduced()
-        self._P.mult(self._z, z)
 
-    def _solve_reduced(self) -> None:
-        """Set the coarse unknowns to (Pᵀ A P)⁻¹ Pᵀ r, or one V-cycle for it."""
-        if self._interpolations:
-            self._solver.apply(self._r, self._z)
-            return
-        self._gather.scatter(self._r, self._all_r)
-        self._solver.apply(self._all_r, self._all_z)
-        self._z.array[:] = self._all_z.array_r[slice(*self._z.getOwnershipRange())]
+def new_multigrid(interpolations: list[PETSc.Mat], local: PETSc.PC) -> PETSc.PC:
+    """A preconditioner that solves on the last level, and smooths on the way up only: by incomplete
+    factorisations, and on the mesh by `local`.  Collective.
+
+    `interpolations` are those between its levels, the finest first.  PETSc's options of the levels
+    below the mesh have the prefix `gx_coarse_`.
+    """
+    prefix = PREFIX + "coarse_"
+    several_ranks = local.comm.size > 1
+    choices: dict[str, str | int] = {
+        # Without smoothing on the way down.
+        "pc_mg_type": "kaskade",
+        "mg_levels_ksp_type": "richardson",
+        "mg_levels_ksp_max_it": 1,
+    }
+    last = "mg_coarse_"
+    if len(interpolations) == 1:
+        if several_ranks:
+            # Every rank has the whole matrix.
+            choices[last + "pc_type"] = "redundant"
+            last += "redundant_"
+        choices[last + "pc_factor_mat_solver_type"] = "mumps"
+        choices[last + "mat_mumps_icntl_14"] = WORKSPACE_MARGIN
+    else:
+        smoother = "mg_levels_"
+        if several_ranks:
+            choices["mg_levels_pc_type"] = "asm"
+            choices["mg_levels_pc_asm_overlap"] = SMOOTHER_OVERLAP
+            smoother = "mg_levels_sub_"
+            # One rank has the matrix of the last level.
+            choices[last + "pc_type"] = "telescope"
+            choices[last + "pc_telescope_reduction_factor"] = local.comm.size
+            last += "telescope_"
+        choices[smoother + "pc_type"] = "ilu"
+        choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
+    # With several levels by PETSc: a solution by MUMPS takes 0.2 ms, however small the matrix.
+    choices[last + "pc_type"] = "lu"
+    options = PETSc.Options(prefix)
+    for key, value in choices.items():
+        if not options.hasName(key):
+            options[key] = value
+    multigrid = PETSc.PC().create(local.comm)
+    multigrid.setOptionsPrefix(prefix)
+    multigrid.setType("mg")
+    finest = len(interpolations)
+    multigrid.setMGLevels(1 + finest)
+    # PETSc counts levels from the coarsest.
+    for level, interpolation in enumerate(reversed(interpolations), start=1):
+        multigrid.setMGInterpolation(level, interpolation)
+    multigrid.getMGSmoother(finest).setPC(local)
+    multigrid.setFromOptions()
+    for level in range(finest):
+        multigrid.getMGSmoother(level).setFromOptions()
+    return multigrid
 
 
 def _interpolations(system: System, P: PETSc.Mat, condensed: Indices) -> list[PETSc.Mat]:
@@ -201,48 +222,6 @@ def _interpolations(system: System, P: PETSc.Mat, condensed: Indices) -> list[PE
         P3.destroy()
     P2.destroy()
     return found
-
-
-def _choose_multigrid(pc: PETSc.PC, interpolations: list[PETSc.Mat]) -> None:
-    """Make a preconditioner one V-cycle with incomplete factorisations as smoothers.
-
-    `interpolations` are those between its levels, the finest first.  PETSc's options of the V-cycle
-    have the prefix `gx_coarse_`.
-    """
-    prefix = PREFIX + "coarse_"
-    several_ranks = pc.comm.size > 1
-    choices: dict[str, str | int] = {
-        # Without smoothing on the way down.
-        "pc_mg_type": "kaskade",
-        "pc_mg_galerkin": "both",
-        "mg_levels_ksp_type": "richardson",
-        "mg_levels_ksp_max_it": 1,
-    }
-    smoother = "mg_levels_"
-    last = "mg_coarse_"
-    if several_ranks:
-        choices["mg_levels_pc_type"] = "asm"
-        choices["mg_levels_pc_asm_overlap"] = SMOOTHER_OVERLAP
-        smoother = "mg_levels_sub_"
-        # One rank has the matrix of the last level.
-        choices["mg_coarse_pc_type"] = "telescope"
-        choices["mg_coarse_pc_telescope_reduction_factor"] = pc.comm.size
-        last = "mg_coarse_telescope_"
-    # By PETSc: a solution by MUMPS takes 0.2 ms, however small the matrix.
-    choices[last + "pc_type"] = "lu"
-    choices[smoother + "pc_type"] = "ilu"
-    choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
-    options = PETSc.Options(prefix)
-    for key, value in choices.items():
-        if not options.hasName(key):
-            options[key] = value
-    pc.setOptionsPrefix(prefix)
-    pc.setType("mg")
-    # PETSc counts levels from the coarsest.
-    pc.setMGLevels(1 + len(interpolations))
-    for level, interpolation in enumerate(reversed(interpolations), start=1):
-        pc.setMGInterpolation(level, interpolation)
-    pc.setFromOptions()
 
 
 class Division(NamedTuple):

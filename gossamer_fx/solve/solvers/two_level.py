@@ -14,7 +14,8 @@ Algorithm, for a residual r.
 2. Its residual     r1 = r - A z0                                                             (2)
 3. Local correction z = z0 + L⁻¹ r1                                                           (3)
 
-This is multiplicative and not symmetric, which GMRES does not require.
+This is one V-cycle of PETSc's multigrid that smooths on the way up only, and not symmetric, which
+GMRES does not require.
 
 Levels of fill of L.  Where a film switches between taut and slack, the tangent has narrow stiff
 bands in an almost slack film.  Measured on a fluttering film of 78 thousand unknowns: with two
@@ -38,7 +39,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
-from gossamer_fx.solve.solvers.coarse_space import NONE, CoarseSpace, Indices
+from gossamer_fx.solve.solvers.coarse_space import NONE, CoarseSpace, Indices, new_multigrid
 from gossamer_fx.solve.system.system import System
 
 # Levels of fill of the incomplete factorisation, to start with and for difficult systems; see the
@@ -67,6 +68,7 @@ class TwoLevel:
         self._system = system
         self._coarse = CoarseSpace(system, condensed)
         self._local = factorisation.new_incomplete(system.comm)
+        self._multigrid = new_multigrid(self._coarse.interpolations, self._local)
         self._step: tuple[float, float] | None = None  # time and length of the last set-up's step
         self._is_difficult = is_difficult
         self._levels = 0  # of fill; 0: not chosen yet
@@ -83,6 +85,8 @@ class TwoLevel:
         self._A, self._fixed = pc.getOperators()
         self._set_up_coarse_space()
         self._set_up_local_part()
+        self._multigrid.setOperators(self._A)
+        self._multigrid.setUp()
         self._applications = 0
         reasons = PETSc.PC.FailedReason
         has_failed = self._local.getFailedReason() != reasons.NOERROR
@@ -97,7 +101,7 @@ class TwoLevel:
         step = self._system.time, self._system.h
         if step != self._step or self._applications > REUSE_COARSE_UP_TO:
             # The product needs the same pattern every time.
-            self._coarse.set_up(self._fixed)
+            self._coarse.set_up(self._fixed, self._multigrid)
         self._step = step
 
     def _set_up_local_part(self) -> None:
@@ -105,9 +109,9 @@ class TwoLevel:
         first, and 6 after a solve that took more than 20 applications or from the start.
         Collective."""
         self._local.setOperators(self._A)
+        self._multigrid.getMGSmoother(len(self._coarse.interpolations)).setOperators(self._A)
         if not self._levels:
             self._choose_fill(ILU_LEVELS_DIFFICULT if self._is_difficult else ILU_LEVELS)
-            self._residual, self._correction = self._A.createVecs()
         elif self._applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
             self._choose_fill(ILU_LEVELS_DIFFICULT)
         self._local.setUp()
@@ -116,18 +120,15 @@ class TwoLevel:
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Compute z from r by (1) to (3); called by PETSc."""
         self._applications += 1
-        self._coarse.solve(r, z)
-        self._A.mult(z, self._residual)
-        self._residual.aypx(-1.0, r)
-        self._local.apply(self._residual, self._correction)
-        z.axpy(1.0, self._correction)
+        self._multigrid.apply(r, z)
 
     def recover(self) -> None:
         """Become usable again after a matrix, such as an infinite one, that could not be
         factorised."""
         self._local.reset()
         self._local.setFailedReason(PETSc.PC.FailedReason.NOERROR)
-        self._coarse.recover()
+        self._multigrid.destroy()
+        self._multigrid = new_multigrid(self._coarse.interpolations, self._local)
         self._step = None
 
     def _choose_fill(self, levels: int) -> None:

@@ -165,7 +165,7 @@ class OverlappingPairs(PairTable):
             edges.
     """
 
-    primitives: Int64Array
+    primitives: Int32Array
 
 
 @dataclass(frozen=True)
@@ -259,16 +259,17 @@ def find_overlaps(
         near=_nearness(near, EdgeEdge.number, surface.edges, surface.edges),
     )
 
-    triangle_pairs = np.hstack(
-        [vertex_points[with_triangles[:, 0]], surface.triangles[with_triangles[:, 1]]]
-    )
-    edge_pairs = np.hstack([surface.edges[with_edges[:, 0]], surface.edges[with_edges[:, 1]]])
-    points = np.vstack([triangle_pairs.reshape(-1, 4), edge_pairs.reshape(-1, 4)])
     counts = [len(with_triangles), len(with_edges)]
+    points: Int32Array = np.empty((sum(counts), 4), dtype=np.int32)
+    of_triangles, of_edges = np.split(points, counts[:1])
+    of_triangles[:, 0] = surface.vertices[with_triangles[:, 0]]
+    of_triangles[:, 1:] = surface.triangles[with_triangles[:, 1]]
+    of_edges[:, :2] = surface.edges[with_edges[:, 0]]
+    of_edges[:, 2:] = surface.edges[with_edges[:, 1]]
     kinds = np.array([PointTriangle.number, EdgeEdge.number], dtype=np.uint8)
     kind: ByteArray = np.repeat(kinds, counts)
     return OverlappingPairs(
         kind=kind,
-        points=np.ascontiguousarray(points, dtype=np.int32),
-        primitives=np.vstack([with_triangles, with_edges]).astype(np.int64),
+        points=points,
+        primitives=np.vstack([with_triangles, with_edges]),
     )

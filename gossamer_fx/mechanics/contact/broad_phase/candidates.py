@@ -452,15 +452,15 @@ def find_candidates(
     edge_pair_count = int((SIDES[found.kind] == Sides.EDGE_EDGE).sum())
     counts = (len(found) - edge_pair_count, edge_pair_count)
     first, second = found.primitives.T
-    pairs = found.rows(np.lexsort((first, second, found.kind)))
-    kind, shape = mesh.kinds_of(pairs.kind, pairs.primitives)
+    found = found.rows(np.lexsort((first, second, found.kind)))
+    kind, shape = mesh.kinds_of(found.kind, found.primitives)
     candidates = CandidatePairs(
         kind=kind,
-        points=pairs.points,
+        points=found.points,
         shape=shape,
-        identifier=mesh.identifiers(SIDES[kind], pairs.primitives),
-        area=mesh.areas(pairs.kind, pairs.points, pairs.primitives),
-        radius=mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point],
+        identifier=mesh.identifiers(SIDES[kind], found.primitives),
+        area=mesh.areas(found.kind, found.points, found.primitives),
+        radius=mesh.radius[found.points[:, 0]] + mesh.radius[found.second_point],
     )
     # Most scenes have none.
     if mesh.boundaries:

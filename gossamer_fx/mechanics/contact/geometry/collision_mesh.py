@@ -261,7 +261,7 @@ class CollisionMesh:
 
     # ---- identifiers of pairs ----
 
-    def identifiers(self, sides: ByteArray, primitives: Int64Array) -> Int64Array:
+    def identifiers(self, sides: ByteArray, primitives: Int32Array) -> Int64Array:
         """Return numbers (n,) of pairs that are the same on every rank and in every search. History
         variables, such as the stiffness of a pair, are found by them.  The pairs have some `Sides`
         (n,), and primitives (n, 2) among what this rank knows: vertex and triangle, two edges, or
@@ -271,7 +271,8 @@ class CollisionMesh:
         found = np.empty(len(sides), dtype=np.int64)
         for kind in Sides:
             rows = (sides == kind).nonzero()[0]
-            first, second = primitives[rows].T
+            # A product of two numbers needs more digits than one.
+            first, second = primitives[rows].T.astype(np.int64)
             # Indices of what this rank knows become numbers that are the same on all ranks.
             if kind == Sides.POINT_TRIANGLE:
                 first = _numbers(first, known.points, share.point_count)
@@ -319,13 +320,13 @@ class CollisionMesh:
             ),
             shape=shapes[boundary],
             identifier=self.identifiers(
-                SIDES[kind], np.column_stack([boundary, vertex]).astype(np.int64)
+                SIDES[kind], np.column_stack([boundary, vertex]).astype(np.int32)
             ),
             area=self.area[vertex],
             radius=self.radius[vertex],
         )
 
-    def kinds_of(self, kind: ByteArray, primitives: Int64Array) -> tuple[ByteArray, Array]:
+    def kinds_of(self, kind: ByteArray, primitives: Int32Array) -> tuple[ByteArray, Array]:
         """Return kind and shape (n,) of pairs that the broad phase found between primitives (n, 2).
         Some edges of obstacles have another stencil.  They stand behind those of bodies, and
         two obstacles form no pair, so that they are always second."""
@@ -342,7 +343,7 @@ class CollisionMesh:
 
     # ---- areas and masses ----
 
-    def areas(self, kind: ByteArray, points: Int32Array, primitives: Int64Array) -> Array:
+    def areas(self, kind: ByteArray, points: Int32Array, primitives: Int32Array) -> Array:
         """Return the area (n,) [m²] for which each pair of a point and a triangle, or of two edges,
         stands. Both sides of a film are covered twice, by its points and by those of the other
         film, so that each takes a half.  The areas of edges and points overlap in the same way.

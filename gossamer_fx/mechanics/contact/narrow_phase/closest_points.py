@@ -61,10 +61,11 @@ def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
 
 
 class PairDistances:
-    """Gaps and closest points of all candidates at one set of points x (m, 3).
+    """Gaps of all candidates at one set of points x (m, 3).
 
     Far pairs need no closest points: their gap may be a lower bound that follows from an earlier
-    state. What is asked for later is computed then, and kept.
+    state.  Closest points are computed for those that ask for them, and not kept: in packed layers
+    one candidate in twenty takes part in a step.
 
     Attributes:
         candidates: the n pairs.
@@ -75,13 +76,9 @@ class PairDistances:
     def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
         """Start with lower bounds of the gaps; `make_exact` replaces some of them. `lower_bound`:
         of each gap (n,) [m]; the array becomes `gap` and is changed in place."""
-        count = len(candidates)
         self.candidates = candidates
         self.x = x
         self.gap = lower_bound
-        self._is_known: MaskArray = np.zeros(count, dtype=bool)
-        self._squared_distance = np.empty(count)
-        self._parameters = np.empty((count, 2))
 
     @classmethod
     def of(cls, candidates: CandidatePairs, x: Array) -> PairDistances:
@@ -98,23 +95,11 @@ class PairDistances:
             some: Any = slice(first, first + PAIRS_AT_ONCE)
             if rows is not None:
                 some = rows[some]
-            geometry = self._compute(some)
-            radius = self.candidates.radius[some]
-            self.gap[some] = gaps_of(geometry, self._squared_distance[some], radius)
+            geometry = self.candidates.geometry(some)
+            squared_distance, _ = closest_points(geometry, self.x)
+            self.gap[some] = gaps_of(geometry, squared_distance, self.candidates.radius[some])
 
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
         """Return squared distances s (k,) and parameters (k, 2) of the closest points of some pairs
-        (mask (n,)), as the function of this name.  What is not known is computed; `gap` stays."""
-        missing = (rows & ~self._is_known).nonzero()[0]
-        if len(missing):
-            self._compute(missing)
-        return self._squared_distance[rows], self._parameters[rows]
-
-    def _compute(self, rows: Any) -> PairTable:
-        """Compute closest points of some rows, keep them, and return these rows."""
-        geometry = self.candidates.geometry(rows)
-        squared_distance, parameters = closest_points(geometry, self.x)
-        self._squared_distance[rows] = squared_distance
-        self._parameters[rows] = parameters
-        self._is_known[rows] = True
-        return geometry
+        (mask (n,)), as the function of this name."""
+        return closest_points(self.candidates.geometry(rows), self.x)
