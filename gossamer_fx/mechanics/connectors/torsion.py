@@ -21,6 +21,7 @@ from itertools import pairwise
 from typing import Annotated, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
@@ -81,10 +82,10 @@ class WithinHalfATurn:
 
     range: ClassVar[str] = "half a turn"
 
-    def leaves_range(self, e0: Array, e1: Array) -> Array:
+    def leaves_range(self, e0: Array, e1: Array) -> npt.NDArray[np.bool_]:
         """Whether the angles pass π or -π between measures e0 and e1 (n, 2), (n,)."""
         φ0, Δφ = angles(e0, e1)
-        beyond: Array = np.abs(φ0 + Δφ) >= math.pi
+        beyond: npt.NDArray[np.bool_] = np.abs(φ0 + Δφ) >= math.pi
         return beyond
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.point_measures import (
@@ -78,7 +79,7 @@ class BoundedDensity(PointDensity, Protocol):
 
     range: str  # in words, e.g. "half a turn"
 
-    def leaves_range(self, e0: Array, e1: Array) -> Array:
+    def leaves_range(self, e0: Array, e1: Array) -> npt.NDArray[np.bool_]:
         """Whether a step from the strains e0 to e1 (n, m) leaves the range, (n,)."""
         ...
 
@@ -257,11 +258,11 @@ class Stencil:
         """The density with one number changed everywhere."""
         return replace(self.density, **{key: getattr(self.density, key) + change})
 
-    def leaves_range(self, q1: Array) -> Array:
+    def leaves_range(self, q1: Array) -> npt.NDArray[np.bool_]:
         """Whether each row of a measure with a `BoundedDensity` leaves its range in the step,
         (n,)."""
         e1 = self.at.measure(self.at.vectors(q1))
-        found: Array = self.density.leaves_range(self.e0, e1)
+        found: npt.NDArray[np.bool_] = self.density.leaves_range(self.e0, e1)
         return found
 
     def loss(self, q1: Array) -> Array:
