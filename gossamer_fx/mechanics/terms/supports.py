@@ -150,7 +150,7 @@ class Supports(CompiledTerms["Support"]):
             for k, values in enumerate((unlike, START * way, first)):
                 largest[k] = np.abs(values).max(initial=0.0)
             self._numbering.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-            gap, typical, size = largest
+            gap, typical, size = largest.tolist()
             if gap > max(SMOOTH * typical, ROUND_OFF * size):
                 found.append(moved.name)
         return found
