@@ -272,3 +272,29 @@ def test_a_gap_at_the_start_is_closed_before_the_first_step() -> None:
     ends = [gx.probes.Position(port, "x")(run) for port in ports]
     assert ends[0] == pytest.approx(ends[1], abs=1e-15)
     assert ends[0] == pytest.approx(1 / 3, abs=4e-9)
+
+
+Y = (0.0, 1.0, 0.0)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("kind", "numbers"),
+    [
+        (gx.connectors.TorsionSpring, {"stiffness": 1.0}),
+        (gx.connectors.TabulatedTorsion, {"angle": (-1.0, 1.0), "moment": (-1.0, 1.0)}),
+        (gx.connectors.TorsionStop, {"stiffness": 1.0, "limits": (-0.5, 0.5)}),
+    ],
+)
+def test_a_hinge_that_would_wind_its_spring_beyond_half_a_turn_is_refused(kind, numbers) -> None:
+    """Directors are the same after a turn: the moment would jump, and with it the energy."""
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), spin=(0.0, 4.0, 0.0), name="hub")
+    sides = (gx.ground_frame(), hub.frame())
+    hinge = gx.constraints.RevoluteJoint(*sides, axis=Y)
+    spring = kind(*sides, axis=Y, name="spiral", **numbers)
+    run = gx.Simulation(gx.Scene(hinge, spring), gx.Midpoint(dt=0.05))
+    with pytest.raises(gx.StepFailure, match="'spiral' passes half a turn"):
+        run.run(until=2.0)
+    # It came close to half a turn, of which no angle of 4 sin t is short after asin(π/4).
+    assert 0.7 < run.time < 1.0
+    assert abs(run.energy_error) < 1e-12

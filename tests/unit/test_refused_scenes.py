@@ -201,6 +201,7 @@ SCENES: list[Case] = [
     (lambda: gx.Scene(), "empty"),
     (lambda: gx.Scene(LINEAR), "Linear"),
     (lambda: gx.Scene(film(), SimpleNamespace(name="idle")), "is not a scene item"),
+    (lambda: gx.Scene(film(), gx.At(1.0, stop=True)), "an event to a Simulation"),
     (lambda: gx.Scene(film(), film()), "'film'"),
     (lambda: run(film(), until=np.nan), "until"),
     (lambda: run(film(), until="1"), "until"),

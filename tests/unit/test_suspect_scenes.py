@@ -326,3 +326,44 @@ def test_a_sound_sheet_a_tube_pressed_flat_and_a_box_are_not_folded_over(comm) -
         two_cubes(comm, 3.0, 1.0, inside_out=False),
     ):
         assert folded_in_plane(mesh.edges) == (0, 0.0)
+
+
+# ---- motions -------------------------------------------------------------------------------------
+
+
+def driven(comm: MPI.Intracomm, spin: float, rate: float) -> gx.constraints.Driven:
+    """A motor of 10 rad/s, times `rate`, on a hub that spins [rad/s]."""
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), spin=(0.0, 0.0, spin), comm=comm)
+    return gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: 10.0 * rate * t)
+
+
+def lifted(comm: MPI.Intracomm, height: Callable[[float], float]) -> gx.Fixed:
+    """A film whose left edge, on one rank perhaps none of the edge, rises to a height [m] of t."""
+    return gx.Fixed(film(comm), "left", motion=lambda X, t: 0 * X + [[0], [0], [height(t)]])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("make", "is_sudden"),
+    [
+        (lambda comm: driven(comm, 0.0, 1.0), True),
+        (lambda comm: driven(comm, 10.0, 0.0), True),
+        (lambda comm: driven(comm, 10.0, 1.0), False),
+        (lambda comm: driven(comm, 0.0, 0.0), False),
+        (lambda comm: lifted(comm, lambda t: 2.0 * t), True),
+        (lambda comm: lifted(comm, lambda t: 1e-6 * (t > 0)), True),
+        (lambda comm: lifted(comm, lambda t: 50.0 * t**2), False),
+        (lambda comm: lifted(comm, lambda t: 1e-3 * np.sin(30 * t) ** 2), False),
+        (lambda comm: lifted(comm, lambda t: 0.0), False),
+    ],
+)
+def test_a_motion_that_begins_at_another_rate_is_warned_of(comm, caplog, make, is_sudden) -> None:
+    """The midpoint rule keeps the mean of both velocities of a step: 0 and 20 rad/s of 10."""
+    support = make(comm)
+    with caplog.at_level(logging.WARNING):
+        run = compiled(support)
+        run.run(until=1e-4)
+        run.run(until=2e-4)
+    warned = caplog.text.count("begins at another rate than the velocity of its body")
+    if comm.rank == 0:
+        assert warned == is_sudden

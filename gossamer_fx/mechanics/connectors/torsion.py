@@ -21,6 +21,7 @@ from itertools import pairwise
 from typing import Annotated, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
@@ -75,8 +76,21 @@ def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[
     return m[:, None] * t, D
 
 
+class WithinHalfATurn:
+    """A density of the angle φ of a hinge that is known for |φ| < π only: its measures are the same
+    after a turn.  A step that passes half a turn is refused, as its energy would not close."""
+
+    range: ClassVar[str] = "half a turn"
+
+    def leaves_range(self, e0: Array, e1: Array) -> npt.NDArray[np.bool_]:
+        """Whether the angles pass π or -π between measures e0 and e1 (n, 2), (n,)."""
+        φ0, Δφ = angles(e0, e1)
+        beyond: npt.NDArray[np.bool_] = np.abs(φ0 + Δφ) >= math.pi
+        return beyond
+
+
 @dataclass(frozen=True)
-class AngularSpring:
+class AngularSpring(WithinHalfATurn):
     """ψ = ½ k (φ - change)², |φ| < π; `change` [rad] is that of the rest angle, which φ counts
     from."""
 
@@ -96,7 +110,7 @@ class AngularSpring:
 
 
 @dataclass(frozen=True, eq=False)
-class AngularTable:
+class AngularTable(WithinHalfATurn):
     """dψ/dφ [N m] linear between points of a table, constant beyond them, |φ| < π; ψ is zero at the
     angle `zero` [rad]."""
 
@@ -138,7 +152,7 @@ class AngularTable:
 
 
 @dataclass(frozen=True)
-class AngularStop:
+class AngularStop(WithinHalfATurn):
     """ψ = ½ k x², x the angle φ beyond [low, high], |φ| < π."""
 
     k: float
@@ -199,7 +213,7 @@ class AboutHinge(Between):
 class TorsionSpring(AboutHinge):
     """A torsional spring about the axis of a hinge: the moment is -k φ.
 
-    φ is the angle of b against a from the rest angle, within half a turn.
+    φ is the angle of b against a from the rest angle; a step that passes half a turn is refused.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.

@@ -11,9 +11,10 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.point_measures import (
@@ -69,6 +70,17 @@ class PointDamping(Protocol):
 
         The loss S_mean·(e1 - e0) [J] is never negative.
         """
+        ...
+
+
+@runtime_checkable
+class BoundedDensity(PointDensity, Protocol):
+    """A `PointDensity` of strains within a range, beyond which its stress would jump."""
+
+    range: str  # in words, e.g. "half a turn"
+
+    def leaves_range(self, e0: Array, e1: Array) -> npt.NDArray[np.bool_]:
+        """Whether a step from the strains e0 to e1 (n, m) leaves the range, (n,)."""
         ...
 
 
@@ -246,6 +258,13 @@ class Stencil:
         """The density with one number changed everywhere."""
         return replace(self.density, **{key: getattr(self.density, key) + change})
 
+    def leaves_range(self, q1: Array) -> npt.NDArray[np.bool_]:
+        """Whether each row of a measure with a `BoundedDensity` leaves its range in the step,
+        (n,)."""
+        e1 = self.at.measure(self.at.vectors(q1))
+        found: npt.NDArray[np.bool_] = self.density.leaves_range(self.e0, e1)
+        return found
+
     def loss(self, q1: Array) -> Array:
         """Dissipated energy of each row of the measure (n,) in the step [J]."""
         if isinstance(self.density, PathDensity):
@@ -303,6 +322,11 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
             if isinstance(stencil.density, PathDensity):
                 self._with_history[k] = alike[0].name
         self.losses += self._with_history.values()
+        # Indices of the stencils whose density has a range, the same on all ranks.
+        self._bounded: list[int] = []
+        for k, stencil in enumerate(self._stencils):
+            if isinstance(stencil.density, BoundedDensity):
+                self._bounded.append(k)
         # New values of numbers of laws, such as a stiffness, that `set_number` changed after the
         # compilation, by the identity of the term and the name of the number.
         self._numbers: dict[tuple[int, str], float] = {}
@@ -324,6 +348,23 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
     def update(self, linearly: bool) -> None:
         """Forget the unknowns of the last iterate."""
         self._ends = None
+
+    def inadmissible(self) -> str:
+        """A sentence on the first term, by its name, that leaves the range of its density in this
+        step.  Collective."""
+        if not self._bounded:
+            return ""
+        ends = self._at_end()
+        problems = []
+        for k in self._bounded:
+            terms, stencil = self._groups[k]
+            for i in stencil.at.owner[stencil.leaves_range(ends[k])]:
+                problems.append(
+                    f"'{terms[i].name}' passes {stencil.density.range}, beyond which its moment "
+                    "would jump"
+                )
+        first_here = min(problems, default="")
+        return min(filter(None, self._system.comm.allgather(first_here)), default="")
 
     def _at_end(self) -> list[Array]:
         """Unknowns (n, D) of each stencil at the end of the step.  Collective."""

@@ -22,6 +22,17 @@ Motion = Callable[[float], Array]
 # is held, up to which they agree: round-off of the functions of the user.
 AGREEMENT = 1e-9
 
+# Part of the first step in which a motion shows the rate at which it begins; the accelerated motion
+# of a smooth start reaches the same part of its mean speed in it.
+START = 1e-3
+
+# Difference of this rate from the velocity of the body, over the mean speed of the first step, up
+# to which it is smooth.
+SMOOTH = 0.1
+
+# Round-off of the functions of the user over their largest value.
+ROUND_OFF = 1e-12
+
 # In place of the number of a support, where there is none.
 NOBODY = -1
 
@@ -125,6 +136,24 @@ class Supports(CompiledTerms["Support"]):
         Collective."""
         if self._shares:
             self.prescribe(q.copy(), t)
+
+    def sudden(self, v0: PETSc.Vec, t: float, h: float) -> list[str]:
+        """Names of the supports whose motion begins, at a time t [s], at another rate than that of
+        its coordinates in the velocities v0; h [s] is the length of the first step.  Collective."""
+        found = []
+        for moved in self._moved:
+            first = moved.motion(t)
+            change = moved.motion(t + START * h) - first
+            way = moved.motion(t + h) - first
+            unlike = change - START * h * v0.array_r[moved.at]
+            largest = np.zeros(3)
+            for k, values in enumerate((unlike, START * way, first)):
+                largest[k] = np.abs(values).max(initial=0.0)
+            self._numbering.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+            gap, typical, size = largest.tolist()
+            if gap > max(SMOOTH * typical, ROUND_OFF * size):
+                found.append(moved.name)
+        return found
 
     def take(self, r: PETSc.Vec) -> None:
         """Take the reactions [N] from the rows of the residual r at held coordinates, and set these

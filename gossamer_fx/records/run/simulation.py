@@ -424,6 +424,8 @@ class Simulation:
             ended = self._monitor.start()
         self._started = True
         self._switch()
+        if self.step == 0 and until > self.time:
+            self._warn_of_sudden_starts(until)
         if not self.recorded:
             self._record(last=ended)
         # A signal may have come while the scene was made.
@@ -436,6 +438,18 @@ class Simulation:
             times |= set(self._monitor.times)
         milestones = sorted(t for t in times if self.time < t < until)
         self._go([*milestones, until], signals)
+
+    def _warn_of_sudden_starts(self, until: float) -> None:
+        """Warn of supports whose motion begins at another rate than that of the body: the velocity
+        would alternate from step to step.  Collective."""
+        first_step = min(self.stepping.wanted, until - self.time)
+        for name in self.system.supports.sudden(self.system.v0, self.time, first_step):
+            LOGGER.warning(
+                "'%s' begins at another rate than the velocity of its body, so that the velocity "
+                "will alternate from step to step; give the body the velocity or spin with which "
+                "the motion begins, or let the motion begin smoothly.",
+                name,
+            )
 
     def _go(self, milestones: Sequence[float], signals: Listener) -> None:
         """Step to each milestone in turn, a time that must be met.  Collective.

@@ -248,7 +248,9 @@ class Scene:
         check(
             any(isinstance(item, part) for part in BRINGS.values()),
             f"'{item.name}' ({type(item).__name__}) is not a scene item: "
-            f"it defines none of {', '.join(BRINGS)}; give it one of them, or leave it out.",
+            f"it defines none of {', '.join(BRINGS)}; "
+            "give it to what uses it, e.g. an obstacle to a Contact, an actuator to a Feedback, "
+            "an event to a Simulation.",
         )
         if any(item is known for known in self.items):
             return
