@@ -131,8 +131,7 @@ class FormDerivative:
         self._vector.scatter_reverse(la.InsertMode.add)
         owned: Array = self._vector.array[: self._owned].copy()
         if self._stand_in is not None:
-            share: Array = owned.reshape(-1, components).sum(axis=0)
-            return share
+            return owned.reshape(-1, components).sum(axis=0)
         return owned
 
 

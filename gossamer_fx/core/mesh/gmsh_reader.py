@@ -405,8 +405,7 @@ def _received(pipe: int, what: str, time_limit: float) -> RawMesh | tuple[str, s
         f"gmsh broke off at {what[0].lower()}{what[1:]}; correct its geometry, or write a file "
         "again as MSH 4.1.",
     )
-    answer: RawMesh | tuple[str, str] = pickle.loads(received)
-    return answer
+    return pickle.loads(received)
 
 
 # ---- files ---------------------------------------------------------------------------------------

@@ -167,8 +167,7 @@ class Samples:
     def sum(self, values: Array) -> Array:
         """Sum of weights times values (n, ...) over the points of all ranks.  Collective."""
         own: Array = np.tensordot(self.weights, values, axes=1)
-        total: Array = self.comm.allreduce(own)
-        return total
+        return self.comm.allreduce(own)
 
 
 def cells_of(film: Membrane, group: str) -> Array:

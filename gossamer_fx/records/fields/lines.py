@@ -63,8 +63,7 @@ class LineValues:
     @property
     def distance(self) -> Array:
         """Distances (n,) [m] of the middles from the start of the line, along it."""
-        found: Array = np.cumsum(self.length) - self.length / 2
-        return found
+        return np.cumsum(self.length) - self.length / 2
 
 
 @check_arguments

@@ -129,8 +129,7 @@ def cell_vertices(body: MeshBody) -> npt.NDArray[np.int64]:
     # The first points of a cell are its corners, also if the geometry is of order 2.
     corner_count = mesh.topology.dim + 1
     corners = geometry_nodes(mesh)[:, :corner_count]
-    vertices: npt.NDArray[np.int64] = mesh.geometry.input_global_indices[corners]
-    return vertices
+    return mesh.geometry.input_global_indices[corners]
 
 
 def cell_names(body: MeshBody) -> Names:

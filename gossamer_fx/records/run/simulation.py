@@ -354,8 +354,7 @@ class Simulation:
         Raises:
             InputError: the scene has no chamber of this name.
         """
-        state: ChamberState = self.system.chamber(name)
-        return state
+        return self.system.chamber(name)
 
     # ---- running ---------------------------------------------------------------------------------
 
