@@ -32,7 +32,7 @@ from typing import Literal
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.algebra.rotations import rotations
+from gossamer_fx.core.algebra.rotations import perpendicular_pair, rotations
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces
@@ -334,9 +334,7 @@ def _from_sphere(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:
 
 def _axes_along(axis: Array) -> Array:
     """Right-handed orthonormal axes (3, 3) as rows, the last one a unit vector (3,)."""
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(axis, first), axis])
+    return np.array([*perpendicular_pair(axis), axis])
 
 
 def _start(samples: Samples, axis: Array, surface: Surface) -> _Shape:
