@@ -509,11 +509,6 @@ def _find(
         f"gradient: the scene has no item '{item_name}'; its items with parameters are: "
         f"{', '.join(sorted(known - {''})) or 'none'}.",
     )
-    check(
-        len(items) == 1,
-        f"gradient: {len(items)} items of the scene are called '{item_name}'; "
-        "give them different names.",
-    )
     item: Any = items[0]
     if what == SHAPE and _has_shape(item):
         return _shape(system, name, item, adjoint)

@@ -538,8 +538,5 @@ class ConnectorLines(TableOutput):
 
     def values(self, run: StateView) -> dict[str, Any]:
         points = run.system.state.vectors(list(self._ends.values()))
-        found = {}
-        for name, point in zip(self._ends, points, strict=True):
-            for axis, x in zip("xyz", point, strict=True):
-                found[f"{name}{axis}"] = float(x)
-        return found
+        columns = [f"{name}{axis}" for name in self._ends for axis in "xyz"]
+        return dict(zip(columns, points.ravel().tolist(), strict=True))
