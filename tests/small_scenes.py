@@ -49,6 +49,13 @@ def run_until(
     return run
 
 
+def thrown(X: np.ndarray) -> np.ndarray:
+    """Velocities of a unit sheet, a spin with flutter: every cell switches between taut, wrinkled
+    and slack."""
+    x, y, _ = X
+    return np.vstack([-5 * (y - 0.5), 5 * (x - 0.5), np.sin(np.pi * x) * np.sin(2 * np.pi * y)])
+
+
 def momentum_changes(run: gx.Simulation) -> tuple[float, float]:
     """Largest changes of momentum [kg m/s] and angular momentum [kg m²/s] since the start."""
     linear = run.totals.momentum - run.first.momentum

@@ -36,6 +36,17 @@ def pushed(law: Any, comm: MPI.Intracomm = COMM, **arguments: Any) -> tuple[gx.S
     return gx.Scene(feedback), feedback
 
 
+def pushed_with_times() -> tuple[gx.Scene, Any, list[float]]:
+    """The same body under a proportional-derivative law, and a list of the times of its calls."""
+    times: list[float] = []
+
+    def law(t: float, values: np.ndarray) -> float:
+        times.append(t)
+        return proportional_derivative(t, values)
+
+    return *pushed(law), times
+
+
 def proportional_derivative(t: float, values: np.ndarray) -> float:
     """To x = 1 m; [N]."""
     return float(1.5 * (1.0 - values[0]) - 2.0 * values[1])
@@ -69,13 +80,7 @@ def test_sampled_thruster_meets_its_recursion(delay: int) -> None:
 
 def test_steps_end_at_samples() -> None:
     """Also with a step that does not divide the period: the recursion stays exact."""
-    times: list[float] = []
-
-    def law(t: float, values: np.ndarray) -> float:
-        times.append(t)
-        return proportional_derivative(t, values)
-
-    scene, _ = pushed(law)
+    scene, _, times = pushed_with_times()
     run = gx.Simulation(scene, gx.Midpoint(dt=0.07))
     run.run(until=1.0)
     assert times == pytest.approx(np.arange(10) * PERIOD, abs=1e-12)
@@ -260,13 +265,7 @@ def test_restart_has_state_and_waiting_commands(folder: Path) -> None:
 
 def test_repeated_steps_do_not_call_the_law_again() -> None:
     """An event in mid-step and a step control repeat steps; each sample is taken once."""
-    times: list[float] = []
-
-    def law(t: float, values: np.ndarray) -> float:
-        times.append(t)
-        return proportional_derivative(t, values)
-
-    scene, feedback = pushed(law)
+    scene, feedback, times = pushed_with_times()
     position = feedback.measures[0]
     event = gx.When(position, 0.2, name="passes")
     run = gx.Simulation(scene, STEPPER, events=[event], control=gx.StepControl(max_step=0.05))

@@ -13,16 +13,10 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.meshes.sphere import sphere
-from tests.small_scenes import run_until
+from tests.small_scenes import run_until, thrown
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 MASS = 1400.0 * 1e-4  # kg/m²
-
-
-def thrown(X: np.ndarray) -> np.ndarray:
-    """A spin with flutter: every cell switches between taut, wrinkled and slack."""
-    x, y, _ = X
-    return np.vstack([-5 * (y - 0.5), 5 * (x - 0.5), np.sin(np.pi * x) * np.sin(2 * np.pi * y)])
 
 
 def free_sheet(comm, order=1, n=5) -> gx.Membrane:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from tests.small_scenes import momentum_changes, run_until
+from tests.small_scenes import momentum_changes, run_until, thrown
 
 ThermalExpansion = gx.materials.ThermalExpansion
 NUMBERS = {"density": 1400.0, "thickness": 1e-4}
@@ -20,12 +20,6 @@ LAWS = {
     "fabric": gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS),
 }
 TIGHT = gx.Tolerances(relative=1e-12)
-
-
-def thrown(X: np.ndarray) -> np.ndarray:
-    """A spin with flutter: every cell switches between taut, wrinkled and slack."""
-    x, y, _ = X
-    return np.vstack([-5 * (y - 0.5), 5 * (x - 0.5), np.sin(np.pi * x) * np.sin(2 * np.pi * y)])
 
 
 def waves(X: np.ndarray, t: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
-from tests.small_scenes import momentum_changes, run_until
+from tests.small_scenes import momentum_changes, run_until, thrown
 
 NUMBERS = {"density": 1400.0, "thickness": 1e-4}
 FABRIC = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS)
@@ -34,12 +34,6 @@ RESIDUAL = gx.Orthotropic(
 )
 NEVER_WRINKLES = gx.LinearOrthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS)
 ISOTROPIC = gx.TensionField(1e9, 0.3, **NUMBERS)
-
-
-def thrown(X: np.ndarray) -> np.ndarray:
-    """A spin with flutter: every cell switches between taut, wrinkled and slack."""
-    x, y, _ = X
-    return np.vstack([-5 * (y - 0.5), 5 * (x - 0.5), np.sin(np.pi * x) * np.sin(2 * np.pi * y)])
 
 
 def free_sheet(comm, law, steps: int, order: int = 1, n: int = 6) -> gx.Simulation:

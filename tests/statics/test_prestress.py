@@ -12,7 +12,7 @@ from gossamer_fx.analysis import modes
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
-from tests.small_scenes import at_rest, momentum_changes, run_until
+from tests.small_scenes import at_rest, momentum_changes, run_until, thrown
 
 E = 2.3e9
 NU = 0.3
@@ -156,11 +156,6 @@ def test_film_that_is_let_free_shrinks_by_its_initial_strain(comm):
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order):
     """The film contracts, flutters and spins; nothing acts on it."""
-
-    def thrown(X):
-        x, y, _ = X
-        return np.vstack([-5 * (y - 0.5), 5 * (x - 0.5), np.sin(np.pi * x) * np.sin(2 * np.pi * y)])
-
     film = gx.Membrane(
         sheet(comm, 4, 4),
         FILM,

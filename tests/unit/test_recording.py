@@ -86,25 +86,20 @@ def test_what_was_recorded_is_read_back(recorded: Path) -> None:
     assert len(run.table("ledger.csv")["time"]) == 11 and run.table("no.csv") == {}
 
 
-def test_heads_have_units_and_those_without_are_read(tmp_path: Path) -> None:
-    """A run of an earlier version is read, and continued after a restart."""
+def test_heads_have_units(tmp_path: Path) -> None:
+    """In the files; the reader knows the columns without.  A restart refuses other columns."""
     comm = MPI.COMM_SELF
     case = pillow(comm)
     case.simulation([case.recording(tmp_path)]).run(until=DT)
     for name, column in (("ledger.csv", "kinetic [J]"), ("gas.csv", "bag pressure [Pa]")):
-        lines = (tmp_path / name).read_text(encoding="utf-8").splitlines()
-        head = lines[0].split(",")
+        lines = (tmp_path / name).read_text(encoding="utf-8").splitlines(keepends=True)
+        head = lines[0].strip().split(",")
         assert column in head
-        found = gx.plot.RunReader(tmp_path).table(name)
-        older = Table(tmp_path / name)
-        older.create(comm, list(found))
-        for row in lines[1:]:
-            older.append(comm, map(float, row.split(",")))
-        again = gx.plot.RunReader(tmp_path).table(name)
-        assert list(again) == list(found)
-        Table(tmp_path / name).cut(comm, head, older.cursor())
+        assert column.partition(" [")[0] in gx.plot.RunReader(tmp_path).table(name)
+        cursor = {"end": (tmp_path / name).stat().st_size, "rows": len(lines) - 1}
+        Table(tmp_path / name).cut(comm, head, cursor)
         with pytest.raises(gx.InputError, match="has other columns than this run"):
-            Table(tmp_path / name).cut(comm, [*head, "more"], older.cursor())
+            Table(tmp_path / name).cut(comm, [*head, "more"], cursor)
 
 
 @pytest.mark.mpi

@@ -133,10 +133,7 @@ class SharedRuns:
     def _read(self, values: Values) -> Result | None:
         """The result of a run, or None if it has not been made; the same on every rank."""
         path = self.result_file(values)
-        result: Result | None = self._comm.bcast(
-            on_rank_zero(self._comm, lambda: read_result(path))
-        )
-        return result
+        return self._comm.bcast(on_rank_zero(self._comm, lambda: read_result(path)))
 
     def _make(self, values: Values) -> Result | None:
         """Make a run and return its result; None if another process has claimed it.

@@ -26,9 +26,9 @@ from gossamer_fx.core.checks.csv_tables import safe_cells
 from gossamer_fx.core.checks.errors import (
     InputError,
     NoEquilibrium,
-    OutputFailure,
     StepFailure,
     check,
+    output_failures,
 )
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import replace_file
@@ -144,13 +144,9 @@ def draw_error_curves(
             panels[-1, 1].xaxis.set_minor_formatter(NullFormatter())
     if title:
         figure.suptitle(title, fontsize=10)
-    try:
+    with output_failures(path):
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=RESOLUTION)
-    except OSError as error:
-        raise OutputFailure(
-            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
-        ) from error
 
 
 # Values of a case by name: numbers and words, which files keep as they are.

@@ -74,8 +74,7 @@ class ModalBending:
         if self.rest is None:
             return np.zeros((r, 3))
         products = np.cross(a[:, None], b[None])
-        third: Array = self.rest.reshape(r, r * r) @ products.reshape(r * r, 3)
-        return third
+        return self.rest.reshape(r, r * r) @ products.reshape(r * r, 3)
 
     def energy(self, c: Array) -> float:
         """Bending energy (1) [J] of coefficients c (r, 3) [m]."""

@@ -33,7 +33,6 @@ from gossamer_fx.analysis.reduction.basis import scalar_mass_times
 from gossamer_fx.analysis.reduction.bending import bending_energy
 from gossamer_fx.analysis.reduction.reduced_membrane import ReducedMembrane
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.view import StateView
@@ -73,11 +72,6 @@ class OutsideBasis:
     """
 
     def __init__(self, body: ReducedMembrane) -> None:
-        check(
-            isinstance(body, ReducedMembrane),
-            f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; "
-            "give one that `reduce` has made.",
-        )
         self.body = body
         self._estimate: _Estimate | None = None
 

@@ -329,10 +329,6 @@ def reduce(
         15
     """
     check_reducible(body)
-    check(
-        isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
-        f"reduce: motions is {motions!r}; give a list of `Snapshots` or `ModeShapes`.",
-    )
     shapes = [shape for motion in motions for shape in motion.positions]
     basis = make_basis(body, shapes, modes)
     bending = bending_of_modes(basis)

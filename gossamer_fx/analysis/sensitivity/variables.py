@@ -131,8 +131,7 @@ class FormDerivative:
         self._vector.scatter_reverse(la.InsertMode.add)
         owned: Array = self._vector.array[: self._owned].copy()
         if self._stand_in is not None:
-            share: Array = owned.reshape(-1, components).sum(axis=0)
-            return share
+            return owned.reshape(-1, components).sum(axis=0)
         return owned
 
 
@@ -509,11 +508,6 @@ def _find(
         bool(items),
         f"gradient: the scene has no item '{item_name}'; its items with parameters are: "
         f"{', '.join(sorted(known - {''})) or 'none'}.",
-    )
-    check(
-        len(items) == 1,
-        f"gradient: {len(items)} items of the scene are called '{item_name}'; "
-        "give them different names.",
     )
     item: Any = items[0]
     if what == SHAPE and _has_shape(item):

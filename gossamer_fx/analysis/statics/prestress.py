@@ -30,6 +30,7 @@ from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.axial_force import tension
 from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.units import scaled
 from gossamer_fx.solve.system.system import System
 
 # Share of the prestress below which a warning says that it was given back.  Loads that a structure
@@ -48,8 +49,6 @@ MAX_NAMED_PARTS = 3
 
 # Strain at which the tension of a part without prestress counts: few films bear more.
 LIKELY_STRAIN = 1e-2
-
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
 
 
 @check_arguments
@@ -99,10 +98,8 @@ class ReachedPrestress:
 
     def _words(self, value: float) -> str:
         """A value with its unit, e.g. "43.2 kPa"; the prefix is that of the value asked for."""
-        for factor, prefix in _PREFIXES:
-            if abs(self.asked) >= factor:
-                return f"{value / factor:.3g} {prefix}{self.unit}"
-        return f"{value:.3g} {self.unit}"
+        factor, prefix = scaled(abs(self.asked))
+        return f"{value / factor:.3g} {prefix}{self.unit}"
 
 
 class PrestressOfScene:

@@ -11,7 +11,6 @@ Output.  Messages of mpirun that only repeat that a rank has failed are removed.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import re
 import shutil
@@ -19,10 +18,13 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from types import FrameType
 from typing import BinaryIO, cast
+
+from gossamer_fx.core.checks.ending import end_with_parent
 
 # Open MPI puts each of its messages between two lines of dashes.
 RULE = b"-" * 74
@@ -171,13 +173,15 @@ def copy_without_repetitions(source: BinaryIO, target: BinaryIO) -> None:
 # numpy and the like.
 OWN_COMMAND = ("-P", "-m", "gossamer_fx")
 
+# In a child before its program starts.
+end_child_with_parent = partial(end_with_parent, signal.SIGTERM)
+
 # The signals that mpirun gets instead of those that this process gets first.
 _HANDED_ON: dict[int, int] = {
     signal.SIGTERM: signal.SIGUSR1,
     signal.SIGINT: signal.SIGUSR2,
     signal.SIGUSR1: signal.SIGUSR1,
 }
-_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _SYSTEM_PREFIXES = ("/usr", "/usr/local")
 # Time [s] to wait for the last output of the ranks after mpirun has ended: a rank that it could not
 # end may hold the pipe open for ever.
@@ -235,7 +239,7 @@ def launch(ranks: int, program: Sequence[str]) -> int:
         stdin=stdin,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=end_with_parent,
+        preexec_fn=end_child_with_parent,
         env=child_environment(),
     )
     heard: list[int] = []
@@ -290,17 +294,11 @@ def launch_alike(jobs: int, program: Sequence[str]) -> int:
             [sys.executable, *program],
             stdout=subprocess.DEVNULL if job else None,
             start_new_session=True,
-            preexec_fn=end_with_parent,
+            preexec_fn=end_child_with_parent,
             env=child_environment(),
         )
         runs.append(run)
     return min(abs(run.wait()) for run in runs)
-
-
-def end_with_parent() -> None:
-    """In a child before its program starts: let Linux send it SIGTERM when the parent dies."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
 
 
 def main(words: Sequence[str]) -> int:

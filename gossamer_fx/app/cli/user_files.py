@@ -105,8 +105,7 @@ def build_of(path: Path, module: ModuleType) -> Callable[..., Any]:
         f"'{path}' has no function build(comm); write one that returns a gossamer_fx.Case.",
     )
     assert build is not None
-    found: Callable[..., Any] = build
-    return found
+    return build
 
 
 def check_arguments_of(

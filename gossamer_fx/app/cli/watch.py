@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Event
 from types import FrameType
 
-from gossamer_fx.app.cli.launch import OWN_COMMAND, child_environment, end_with_parent
+from gossamer_fx.app.cli.launch import OWN_COMMAND, child_environment, end_child_with_parent
 from gossamer_fx.core.checks.errors import InputError
 
 _WRONG_INPUT = 2  # exit code
@@ -64,7 +64,7 @@ def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> 
             [sys.executable, *command],
             env=child_environment(),
             start_new_session=True,
-            preexec_fn=end_with_parent,
+            preexec_fn=end_child_with_parent,
         )
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)

@@ -18,7 +18,7 @@ from gossamer_fx.build.fold.fold_lines import (
     has_two_sheets,
     pressed_positions,
 )
-from gossamer_fx.core.algebra.rotations import rotations
+from gossamer_fx.core.algebra.rotations import rotation_of
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import compile_form
@@ -83,7 +83,7 @@ class Folded:
             f"'{self.name}': the fold map gives positions that are not finite; "
             "make it for the mesh of this film.",
         )
-        R = _rotation(np.asarray(self.turn, dtype=float))
+        R = rotation_of(np.asarray(self.turn, dtype=float))
         return folded @ R.T + np.asarray(self.origin, dtype=float)
 
     def strain_energy(self) -> float:
@@ -109,15 +109,6 @@ class Folded:
             side[self.film.nodes(top)] += 1.0
             side[self.film.nodes(bottom)] -= 1.0
         return side
-
-
-def _rotation(turn: Array) -> Array:
-    """The rotation (3, 3) by a rotation vector [rad]."""
-    angle = float(np.linalg.norm(turn))
-    # A rotation by nothing has no axis.
-    if angle == 0:
-        return np.eye(3)
-    return rotations(turn / angle, angle)
 
 
 @dataclass(frozen=True)

@@ -121,8 +121,7 @@ def block_keys(matrix: PETSc.Mat) -> Numbers:
     starts, columns = matrix.getRowIJ(compressed=True)
     count = len(starts) - 1
     of_row = np.repeat(np.arange(count, dtype=np.int64), np.diff(starts))
-    keys: Numbers = of_row * count + columns
-    return keys
+    return of_row * count + columns
 
 
 def _positions(own: PETSc.Mat, rows: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

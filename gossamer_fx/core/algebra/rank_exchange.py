@@ -140,21 +140,21 @@ def fetch(
     values: npt.NDArray[Any],
     wanted: Names,
     lacks: str,
-    twice: str | None = None,
+    twice: str,
 ) -> npt.NDArray[Any]:
     """Return the values (m, k) of wanted names (m,), as floats, whichever ranks have them.
     Collective.
 
     This rank has `values` (n, k) of `names` (n,), unsigned integers such as hashes.  A wanted name
     that no rank has raises `InputError(lacks)` on all ranks, and a name that occurs twice
-    `InputError(twice)`; without `twice` a name may occur several times with the same values.
+    `InputError(twice)`.
 
     >>> import numpy as np
     >>> from mpi4py import MPI
     >>> names = np.array([7, 3], dtype=np.uint64)
     >>> values = np.array([[70.0], [30.0]])
     >>> wanted = np.array([3], dtype=np.uint64)
-    >>> fetch(MPI.COMM_SELF, names, values, wanted, lacks="The name is unknown.")
+    >>> fetch(MPI.COMM_SELF, names, values, wanted, lacks="It is unknown.", twice="Twice.")
     array([[30.]])
     """
     # Send names and values to their homes, and sort there what has arrived.
@@ -164,8 +164,7 @@ def fetch(
     order = np.argsort(known)
     known = known[order]
     known_values = to_homes.send(values.astype(float))[order]
-    if twice is not None:
-        check_on_all(comm, bool((known[1:] != known[:-1]).all()), twice)
+    check_on_all(comm, bool((known[1:] != known[:-1]).all()), twice)
 
     # Ask the homes of the wanted names.
     questions = RankExchange(comm, (wanted % size).astype(np.int64))

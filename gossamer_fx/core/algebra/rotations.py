@@ -46,6 +46,15 @@ def rotations(axes: Array, angle: float) -> Array:
     return np.eye(3) + sine_part + cosine_part
 
 
+def rotation_of(turn: Array) -> Array:
+    """The rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
+    angle = float(np.linalg.norm(turn))
+    # A rotation by nothing has no axis.
+    if angle == 0:
+        return np.eye(3)
+    return rotations(turn / angle, angle)
+
+
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:
     """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n
     (3,), whose length is not checked.

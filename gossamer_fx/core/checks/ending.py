@@ -83,8 +83,8 @@ def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
         time.sleep(1e-3)
 
 
-def end_with_launcher() -> None:
-    """Let the system end this process when its parent, mpirun, has gone.  Linux only.
+def end_with_parent(number: int = signal.SIGKILL) -> None:
+    """Let Linux send this process a signal when its parent has gone, e.g. mpirun.
 
     Without mpirun, killed because memory ran out, say, a rank waits for the others for ever, and
     holds the locks of its files.
@@ -92,15 +92,15 @@ def end_with_launcher() -> None:
     if sys.platform != "linux":
         return
     parent = os.getppid()
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
     # The parent may have gone before the call, which then has no effect.
     if os.getppid() != parent:
-        os.kill(os.getpid(), signal.SIGKILL)
+        os.kill(os.getpid(), number)
 
 
 def watch_uncaught_errors() -> None:
     """Install a hook that ends the program on all ranks after an uncaught error of one rank, and
-    let this process end with its launcher (`end_with_launcher`).
+    let this process end with its launcher (`end_with_parent`).
 
     Such an error may occur while the scene is created.  Without the hook Python would wait in
     MPI_Finalize for the other ranks, which wait for this one.  Where a launcher has started one
@@ -109,7 +109,7 @@ def watch_uncaught_errors() -> None:
     # One process has nobody to wait for it, and need not load MPI.
     if not any(os.environ.get(name, "1") not in ("", "0", "1") for name in _SIZES):
         return
-    end_with_launcher()
+    end_with_parent()
     usual = sys.excepthook
 
     def uncaught(

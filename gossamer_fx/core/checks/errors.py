@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from numbers import Real
 from pathlib import Path
 from typing import Any, cast
@@ -146,6 +147,18 @@ class OutputFailure(RuntimeError):
     """
 
 
+@contextmanager
+def output_failures(path: str | Path) -> Iterator[None]:
+    """Raise `OutputFailure` where a file, or files in a folder, cannot be written; on one rank."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputFailure(
+            f"Cannot write '{path}' ({error.strerror}); make room, or choose a folder that is "
+            "writable."
+        ) from error
+
+
 def check(condition: bool, message: str) -> None:
     """Raise `InputError(message)` unless a condition holds that is the same on all ranks.
 
@@ -167,7 +180,7 @@ def check_positive(owner: Any, quantity: str, unit: str) -> None:
     require_positive(what, getattr(owner, quantity), unit)
 
 
-def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
+def require_positive(what: str, value: float, unit: str) -> None:
     """Raise `InputError` unless a value is a finite, positive number, the same on all ranks.  The
     message begins with `what`; `hint` follows "give a positive number" and the unit.
 
@@ -175,7 +188,7 @@ def require_positive(what: str, value: float, unit: str, hint: str = "") -> None
     """
     check(
         math.isfinite(value) and value > 0,
-        f"{what} is {value!r} {unit}; give a positive number{hint}.",
+        f"{what} is {value!r} {unit}; give a positive number.",
     )
 
 

@@ -172,8 +172,7 @@ class _KernelKey:
     def comm(self) -> MPI.Intracomm:
         """Communicator of the mesh."""
         mesh = next(one for one in self._numbers if isinstance(one, ufl.Mesh))
-        comm: MPI.Intracomm = mesh.ufl_cargo().comm
-        return comm
+        return mesh.ufl_cargo().comm
 
     def digest(self) -> bytes:
         """A hash of all that was added, and of the options of the compiler."""

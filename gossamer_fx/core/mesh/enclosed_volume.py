@@ -116,8 +116,7 @@ def _curved_volumes(nodes: Array) -> Array:
     element = basix.create_element(basix.ElementFamily.P, triangle, 2)
     shapes = np.asarray(element.tabulate(1, points))[..., 0]
     x, along, across = np.einsum("kqd,ndi->knqi", shapes, nodes)
-    found: Array = np.einsum("q,nqi,nqi->n", weights, x, np.cross(along, across)) / 3
-    return found
+    return np.einsum("q,nqi,nqi->n", weights, x, np.cross(along, across)) / 3
 
 
 def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, int]:

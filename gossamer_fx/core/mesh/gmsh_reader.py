@@ -32,7 +32,7 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.ending import end_with_launcher
+from gossamer_fx.core.checks.ending import end_with_parent
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.quality import NO_SIZE, cell_quality
 
@@ -203,18 +203,13 @@ def _kind_and_order(model: Any, dim: int) -> tuple[str, int]:
     )
     # gmsh hands over the triangles of one order of each surface, and leaves out the others.
     given = sum(len(tags) for tags in model.mesh.getElements(dim)[1])
+    import gmsh
+
     _check(
-        dim != 2 or _gmsh_count("Mesh.NbTriangles") == given,
+        dim != 2 or int(gmsh.option.getNumber("Mesh.NbTriangles")) == given,
         "The mesh has triangles of both orders on one surface; use one order, 1 or 2.",
     )
     return _KINDS[types.pop()]
-
-
-def _gmsh_count(what: str) -> int:
-    """A number of gmsh's statistics of the present model."""
-    import gmsh
-
-    return int(gmsh.option.getNumber(what))
 
 
 def _tagged(model: Any, dim: int) -> list[tuple[int, int]]:
@@ -344,7 +339,7 @@ def in_child(build: Callable[[], RawMesh], what: str, time_limit: float) -> RawM
 def _answer(build: Callable[[], RawMesh], what: str, pipe: int) -> NoReturn:
     """Send the mesh, or a sentence and a traceback, through a pipe, and end this fork."""
     try:
-        end_with_launcher()
+        end_with_parent()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
             signal.signal(number, signal.SIG_DFL)
         _limit_memory()
@@ -405,8 +400,7 @@ def _received(pipe: int, what: str, time_limit: float) -> RawMesh | tuple[str, s
         f"gmsh broke off at {what[0].lower()}{what[1:]}; correct its geometry, or write a file "
         "again as MSH 4.1.",
     )
-    answer: RawMesh | tuple[str, str] = pickle.loads(received)
-    return answer
+    return pickle.loads(received)
 
 
 # ---- files ---------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import InputError, check
-from gossamer_fx.core.model.body import Array, Attached, Body, Ground, is_on_mesh
+from gossamer_fx.core.model.body import Array, Attached, Body, Ground, Port, is_on_mesh
 
 
 @runtime_checkable
@@ -179,7 +179,13 @@ class State:
 
     def vectors(self, ports: Sequence[Attached]) -> Array:
         """The vectors (k, 3) of several ports.  Collective, the same on every rank."""
-        return np.array([self.vector(port) for port in ports]).reshape(-1, 3)
+        # Neighbouring bars of a tape share their ends, and each vector is a sum over all ranks.
+        found: dict[object, Array] = {}
+        keys = [vector_key(port) for port in ports]
+        for key, port in zip(keys, ports, strict=True):
+            if key not in found:
+                found[key] = self.vector(port)
+        return np.array([found[key] for key in keys]).reshape(-1, 3)
 
     def rate(self, port: Attached) -> Array:
         """The rate (3,) of the vector of a port, e.g. [m/s].  Collective, the same on every
@@ -191,6 +197,13 @@ class State:
     def rates(self, ports: Sequence[Attached]) -> Array:
         """The rates (k, 3) of several ports.  Collective, the same on every rank."""
         return np.array([self.rate(port) for port in ports]).reshape(-1, 3)
+
+
+def vector_key(port: Attached) -> object:
+    """What equal vectors of a body have in common; bodies may have no hash."""
+    if isinstance(port, Port):
+        return (id(port.body), port.nodes, port.weights, port.vectors)
+    return id(port)
 
 
 class InitialState(State):

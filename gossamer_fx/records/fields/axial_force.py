@@ -104,8 +104,7 @@ class GaussValues:
         """Values (n, k) at the k Gauss points of each of the n cells that this rank owns."""
         space = self.function.function_space
         cells = space.mesh.topology.index_map(1).size_local
-        values: Array = self.function.x.array[space.dofmap.list[:cells]]
-        return values
+        return self.function.x.array[space.dofmap.list[:cells]]
 
     def _sum(self, form: fem.Form) -> float:
         """The integral of a form over the cells of all ranks."""

@@ -32,7 +32,7 @@ from typing import Literal
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.algebra.rotations import rotations
+from gossamer_fx.core.algebra.rotations import perpendicular_pair, rotation_of
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces
@@ -167,8 +167,7 @@ class Samples:
     def sum(self, values: Array) -> Array:
         """Sum of weights times values (n, ...) over the points of all ranks.  Collective."""
         own: Array = np.tensordot(self.weights, values, axes=1)
-        total: Array = self.comm.allreduce(own)
-        return total
+        return self.comm.allreduce(own)
 
 
 def cells_of(film: Membrane, group: str) -> Array:
@@ -261,12 +260,7 @@ class _Shape:
     def moved(self, step: Array) -> _Shape:
         """The surface after a turn (2,) about its first two axes and changes of its numbers."""
         turn = np.array([step[0], step[1], 0.0])
-        angle = float(np.linalg.norm(turn))
-        axes = self.axes
-        # A rotation by nothing has no axis.
-        if angle > 0:
-            axes = rotations(turn / angle, -angle) @ axes
-        return _Shape(axes, self.numbers + step[2:])
+        return _Shape(rotation_of(-turn) @ self.axes, self.numbers + step[2:])
 
     def description(self, surface: Surface) -> tuple[Array, Array, float]:
         """Vertex of a paraboloid or centre of a sphere (3,), its axis (3,), and its radius of
@@ -335,9 +329,7 @@ def _from_sphere(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:
 
 def _axes_along(axis: Array) -> Array:
     """Right-handed orthonormal axes (3, 3) as rows, the last one a unit vector (3,)."""
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(axis, first), axis])
+    return np.array([*perpendicular_pair(axis), axis])
 
 
 def _start(samples: Samples, axis: Array, surface: Surface) -> _Shape:

@@ -544,7 +544,6 @@ def positions(state: HasSystem, body: Body) -> Array:
         >>> gx.fields.positions(run, mass)
         array([[ 0.,  0., -1.]])
     """
-    _check_in(state, body)
     return state.system.state[body].positions().copy()
 
 
@@ -577,7 +576,6 @@ def field_values(
         >>> float(abs(strain).max()) < 1e-12
         True
     """
-    _check_in(state, body)
     check(
         is_on_mesh(body),
         f"field_values: '{body.name}' has no mesh; ask for the fields of a film, cable or beam.",
@@ -594,12 +592,3 @@ def field_values(
     if components == 1:
         values = values[:, 0]
     return points, values
-
-
-def _check_in(state: HasSystem, body: Body) -> None:
-    """Check that a body is in the scene of a run or an equilibrium."""
-    # by identity: two bodies may compare equal
-    check(
-        any(body is known for known in state.system.bodies),
-        f"'{getattr(body, 'name', body)}' is not in the scene; ask for one of its bodies.",
-    )

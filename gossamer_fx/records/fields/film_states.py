@@ -91,8 +91,7 @@ class AreaFractions:
         """Return the shares (3,) of the area that are slack, wrinkled and taut; their sum is one.
         Collective."""
         areas = self.areas(system)
-        shares: Array = areas / areas.sum()
-        return shares
+        return areas / areas.sum()
 
     def areas(self, system: System) -> Array:
         """Return the areas (3,) [m²] that are slack, wrinkled and taut.
@@ -106,8 +105,7 @@ class AreaFractions:
         # The last column is the area that is taut at one end of the last step only.
         for of_film, row in zip(of_films, areas, strict=True):
             of_film.alternation.see(system, row[-1] / row[:-1].sum())
-        of_states: Array = areas[:, : len(STATES)].sum(axis=0)
-        return of_states
+        return areas[:, : len(STATES)].sum(axis=0)
 
 
 class _FilmAreas:

@@ -15,8 +15,8 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
-from gossamer_fx.core.model.body import Array, Attached, Port
-from gossamer_fx.core.model.state import HasSystem
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.state import HasSystem, vector_key
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
@@ -63,8 +63,7 @@ class LineValues:
     @property
     def distance(self) -> Array:
         """Distances (n,) [m] of the middles from the start of the line, along it."""
-        found: Array = np.cumsum(self.length) - self.length / 2
-        return found
+        return np.cumsum(self.length) - self.length / 2
 
 
 @check_arguments
@@ -91,15 +90,10 @@ def line_values(state: HasSystem, line: Curve | DrawnAsLines, *, at: At = "mean"
         return _of_body(state.system, line, at)
     system = state.system
     forces = line_forces(system, line, at)
-    # Bars share their ends; each is fetched from its rank once.
     ends = list(line.lines_to_draw)
-    names = [(_vector_key(a), _vector_key(b)) for a, b in ends]
-    ports: dict[object, Attached] = {}
-    for pair, pair_of_names in zip(ends, names, strict=True):
-        ports.update(zip(pair_of_names, pair, strict=True))
-    vectors = dict(zip(ports, system.state.vectors(list(ports.values())), strict=True))
-    middles = np.array([(vectors[a] + vectors[b]) / 2 for a, b in names])
-    order = _order_along_line(names)
+    points = system.state.vectors([end for pair in ends for end in pair])
+    middles = points.reshape(-1, 2, 3).mean(axis=1)
+    order = _order_along_line([(vector_key(a), vector_key(b)) for a, b in ends])
     # The numbers of bars depend on the number of ranks; initial positions do not.
     first = ends[order[0]]
     last = ends[order[-1]]
@@ -120,13 +114,6 @@ def _is_before(a: Array, b: Array) -> bool:
     if not is_different.any():
         return False
     return bool(difference[is_different.argmax()] < 0)
-
-
-def _vector_key(port: object) -> object:
-    """A key that is equal for ports of the same vector of a body."""
-    if isinstance(port, Port):
-        return (id(port.body), port.nodes, port.weights, port.vectors)
-    return id(port)
 
 
 def _of_body(system: System, body: Curve, at: At) -> LineValues:

@@ -211,8 +211,7 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
             np.add.at(table, nodes[:own, corner], weighted)
         sums.scatter_reverse(la.InsertMode.add)
         sums.scatter_forward()
-        means: Array = table[:, :-1] / table[:, -1:]
-        return means
+        return table[:, :-1] / table[:, -1:]
 
     found = mean_at_vertices(in_cells)
     for _ in range(SMOOTHINGS - 1):
@@ -238,8 +237,7 @@ def _half_wavelength(film: Membrane, tension: Array, bending: Array) -> Array:
     length = math.sqrt(film.comm.allreduce(float(areas.sum())))
     is_taut = tension > LEAST_TENSION
     ratio = np.where(is_taut, bending / np.where(is_taut, tension, 1.0), 0.0)
-    found: Array = math.sqrt(math.pi * length) * ratio**0.25
-    return found
+    return math.sqrt(math.pi * length) * ratio**0.25
 
 
 def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
@@ -262,8 +260,7 @@ def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
     # A direction and its opposite are the same: the largest component is positive.
     largest = np.abs(unit).argmax(axis=1)
     signs = np.sign(unit[np.arange(len(unit)), largest])
-    found: Array = unit * signs[:, None] * has_wrinkles[:, None]
-    return found
+    return unit * signs[:, None] * has_wrinkles[:, None]
 
 
 def _normals(shape: BodyShape) -> Array:

@@ -146,8 +146,7 @@ def lines(about: Mapping[str, Any]) -> list[str]:
             law, numbers = body["law"]
             values = [f"{key} {number_text(value)}" for key, value in numbers.items()]
             rows.append(("", f"{law}: {', '.join(values)}"))
-    # Descriptions of older runs have no such key.
-    if about.get("section frames"):
+    if about["section frames"]:
         names = [f"'{name}'" for name in about["section frames"]]
         rows.append(("section frames", ", ".join(names)))
     if about["items"]:
@@ -177,7 +176,7 @@ def _body_words(body: Mapping[str, Any]) -> list[str]:
     for what, unit in (("area", "m²"), ("length", "m")):
         if what in body:
             words.append(f"{what} {body[what]:.6g} {unit}")
-    # Descriptions of older runs do not have them.
+    # Bodies of users need not have them.
     if "groups" in body:
         words.append(f"groups: {', '.join(body['groups']) or 'none'}")
     return words

@@ -33,7 +33,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, not_negative
-from gossamer_fx.core.checks.errors import InputError, OutputFailure, check, on_rank_zero
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, output_failures
 from gossamer_fx.core.checks.same_on_ranks import given_arguments, is_of_package
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Ground, Port
@@ -399,17 +399,12 @@ def replace_file(path: Path, text: str) -> None:
     Raises:
         OutputFailure: the file cannot be written.
     """
-    try:
+    with output_failures(path):
         # Processes that share a sweep replace its tables at the same time.
         new = path.with_name(f"{path.name}.{os.getpid()}.new")
         # JSON reads the replacement of half of a surrogate pair, \ud800, as that half.
         new.write_text(text, encoding="utf-8", errors="backslashreplace")
         new.replace(path)
-    except OSError as error:
-        raise OutputFailure(
-            f"Cannot write '{path}' ({error.strerror}); make room, or choose a folder that is "
-            "writable."
-        ) from error
 
 
 # A time is met if it differs by less than this from the one asked for, relatively above 1 s [s].

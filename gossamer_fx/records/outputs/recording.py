@@ -133,21 +133,9 @@ def as_data(solid: Solid) -> dict[str, Any]:
     }
 
 
-class PoseComponent:
-    """A component of a solid's pose, its origin and axes, as a probe.
-
-    Args:
-        index: of the component in the pose (4, 3), row by row.
-    """
-
-    def __init__(self, solid: Solid, index: int) -> None:
-        self._solid = solid
-        self._index = index
-
-    def __call__(self, run: StateView) -> float:
-        """The component in the state of a run."""
-        pose = pose_of(self._solid, run.system)
-        return float(pose.ravel()[self._index])
+def _pose_component(solid: Solid, index: tuple[int, int], run: StateView) -> float:
+    """A component of a solid's pose (4, 3), its origin and axes, as a probe."""
+    return float(pose_of(solid, run.system)[index])
 
 
 # The third state of a film is slack; its area is the remainder.
@@ -436,9 +424,8 @@ class Recording:
             # Solids may have the same name; the number makes the columns unique.
             for i, vector in enumerate(("", "d1", "d2", "d3")):
                 for j, axis in enumerate("xyz"):
-                    columns[f"{number} {solid.name} {vector}{axis}"] = PoseComponent(
-                        solid, 3 * i + j
-                    )
+                    column = f"{number} {solid.name} {vector}{axis}"
+                    columns[column] = partial(_pose_component, solid, (i, j))
         return columns
 
     def _write(self, run: StateView, status: str) -> None:
@@ -550,16 +537,6 @@ class ConnectorLines(TableOutput):
         return bool(self._ends)
 
     def values(self, run: StateView) -> dict[str, Any]:
-        # Neighbouring bars of a tape share their points, and the position of each is a sum over all
-        # ranks.
-        known: dict[Any, Array] = {}  # positions (3,) [m] by port
-        found = {}
-        for name, end in self._ends.items():
-            key: Any = id(end)
-            if isinstance(end, Port):
-                key = (id(end.body), end.nodes, end.weights, end.vectors)
-            if key not in known:
-                known[key] = run.system.state.vector(end)
-            for axis, x in zip("xyz", known[key], strict=True):
-                found[f"{name}{axis}"] = float(x)
-        return found
+        points = run.system.state.vectors(list(self._ends.values()))
+        columns = [f"{name}{axis}" for name in self._ends for axis in "xyz"]
+        return dict(zip(columns, points.ravel().tolist(), strict=True))

@@ -198,8 +198,7 @@ _PRESTRESS = {
     "largest": float,
 }
 _CHAMBER = dict.fromkeys(("pressure", "temperature", "volume", "mass"), float)
-# Kinds by key; a key that ends in a question mark may be missing, e.g. in the files of older
-# versions.
+# Kinds by key; a key that ends in a question mark may be missing.
 _RUN = {
     "format": int,
     "title": str,
@@ -209,7 +208,7 @@ _RUN = {
         "unknowns": int,
         "ranks": int,
         "bodies": {str: _BODY},
-        "section frames?": [str],
+        "section frames": [str],
         "items": {str: str},
         "chambers": {str: _CHAMBER},
         "energies": {str: float},

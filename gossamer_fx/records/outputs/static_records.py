@@ -133,8 +133,7 @@ class ModeView:
         owned = self.system.block(body).owned
         moved = (self.system.q0.array_r - self._q0)[owned]
         positions = moved.reshape(-1, body.block.size // 3, 3)[:, 0]
-        distances: Array = np.linalg.norm(positions, axis=1)
-        return distances
+        return np.linalg.norm(positions, axis=1)
 
     @property
     def time(self) -> float:

@@ -101,9 +101,6 @@ class Table:
             "bytes; put back a copy of it, or start again.",
         )
         first_line = _csv_line(head)
-        # Tables of earlier versions have no units.
-        if content.startswith(_csv_line(without_units(head))):
-            first_line = _csv_line(without_units(head))
         check(
             content.startswith(first_line),
             f"'{self.path}' has other columns than this run; restart with the same ones, or give "

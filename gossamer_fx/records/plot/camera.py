@@ -258,8 +258,7 @@ class _Projection:
 
     def __call__(self, points: Array) -> Array:
         seen = self.scale * (points @ self.axes.T)
-        pixels: Array = self.origin + seen * np.array([1.0, -1.0, -1.0])
-        return pixels
+        return self.origin + seen * np.array([1.0, -1.0, -1.0])
 
 
 def _bars(ends: Array, kinds: Integers) -> _Triangles:
@@ -323,8 +322,7 @@ def _shades(corners: Array, normals: Array) -> Array:
     diffuse = (0.5 + normals @ _LIGHT / 2).clip(0)
     gloss = (normals @ halfway).clip(0) ** _SHININESS
     matt = _AMBIENT + (1 - _AMBIENT) * diffuse
-    shades: Array = matt * (1 - _GLOSS) + _GLOSS * gloss
-    return shades
+    return matt * (1 - _GLOSS) + _GLOSS * gloss
 
 
 def _palette(colours: Colouring) -> Colours:
@@ -341,5 +339,4 @@ def _palette(colours: Colouring) -> Colours:
     shaded = base * matt * (1 - gloss / 2) + gloss / 2
     if colours.scale is not None:
         shaded[: len(colours.table) - 1] = base[: len(colours.table) - 1]
-    palette: Colours = np.rint(255 * shaded).astype(np.uint8)
-    return palette
+    return np.rint(255 * shaded).astype(np.uint8)

@@ -137,8 +137,7 @@ class Scale:
             larger = max(-self.low, self.high)
             first = 0.5 + 0.5 * self.low / larger
             last = 0.5 + 0.5 * self.high / larger
-        colours: Array = colormaps[name](np.linspace(first, last, _BINS))[:, :3]
-        return colours
+        return colormaps[name](np.linspace(first, last, _BINS))[:, :3]
 
     def parts(self, values: Array) -> Array:
         """Positions of values (n,) on the bar, from 0 to 1; those beyond have its ends."""
@@ -150,8 +149,7 @@ class Scale:
             high = math.log(high)
         if high == low:
             return np.zeros_like(values)
-        found: Array = ((values - low) / (high - low)).clip(0, 1)
-        return found
+        return ((values - low) / (high - low)).clip(0, 1)
 
     @property
     def clipped(self) -> tuple[bool, bool]:
@@ -279,8 +277,7 @@ class Colouring:
             rows = np.rint(known) % count
         else:
             rows = np.rint(self.scale.parts(known) * (count - 1))
-        found: Integers = np.where(is_known, rows, count).astype(np.int64)
-        return found
+        return np.where(is_known, rows, count).astype(np.int64)
 
     def at(self, record: int) -> Colouring:
         """The colours of one state, which may have its own limits."""

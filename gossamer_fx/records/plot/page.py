@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gossamer_fx.core.checks.errors import OutputFailure
+from gossamer_fx.core.checks.errors import output_failures
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import plain_text
 from gossamer_fx.records.plot.colours import MISSING_COLOUR, Colouring
@@ -164,12 +164,8 @@ def write_page(
             place = _draw_images(figure, frames, views)
             corner = "lower right" if width < _NARROW else "center right"
             _draw_scale_bar(header, place.scale, views.size[0], corner)
-        try:
+        with output_failures(str(path)):
             figure.savefig(path, format="png", dpi=dpi)
-        except OSError as error:
-            raise OutputFailure(
-                f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
-            ) from error
     return place
 
 

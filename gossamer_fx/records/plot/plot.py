@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
-from gossamer_fx.core.checks.errors import OutputFailure, check
+from gossamer_fx.core.checks.errors import check, output_failures
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import NAMES, scaled_axis
 from gossamer_fx.records.outputs.output import make_parent
@@ -449,7 +449,7 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
     palette = Image.new("P", (1, 1))
     palette.putpalette([255, 255, 255, *_palette_colours(frames)])
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    try:
+    with output_failures(path):
         indexed[0].save(
             path,
             save_all=True,
@@ -458,10 +458,6 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
             loop=0,
             optimize=False,
         )
-    except OSError as error:
-        raise OutputFailure(
-            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
-        ) from error
 
 
 def _palette_colours(frames: Sequence[Any]) -> list[int]:

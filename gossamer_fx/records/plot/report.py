@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import OutputFailure, check
+from gossamer_fx.core.checks.errors import check, output_failures
 from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.records.outputs.description import lines, number_text
 from gossamer_fx.records.plot import plot as pictures
@@ -114,13 +114,9 @@ def write_report(run: RunReader, path: str | Path) -> None:
     )
     path = file_to_write(path)
     text = "\n".join(_page(run))
-    try:
+    with output_failures(path):
         # A file name or a title may hold half of a surrogate pair, which has no UTF-8.
         path.write_text(text, encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise OutputFailure(
-            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
-        ) from error
 
 
 def _page(run: RunReader) -> Iterable[str]:
@@ -250,7 +246,7 @@ def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str
     loads = ledger[axis.column]
     stored = sum(values for name, values in ledger.items() if name.startswith(STORED))
     energy = np.broadcast_to(stored, loads.shape)
-    # Older records do not have it.
+    # A file that somebody changed may lack it.
     residuals = ledger.get("residual", np.full(len(loads), np.nan))
     for row in np.unique(np.linspace(0, len(loads) - 1, _MAX_EQUILIBRIA).astype(int)):
         residual = f"{residuals[row]:.1e}" if np.isfinite(residuals[row]) else ""

@@ -497,8 +497,7 @@ def _at_time(table: tuple[Array, Array], time: float) -> Array:
     times, vectors = table
     if not len(times):
         return np.zeros(vectors.shape[1:])
-    nearest: Array = vectors[int(abs(times - time).argmin())]
-    return nearest
+    return vectors[int(abs(times - time).argmin())]
 
 
 def _refined(corners: Array, normals: Array, values: Array, states: Array) -> list[Array]:

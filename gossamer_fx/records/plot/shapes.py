@@ -72,12 +72,10 @@ def smooth_normals(corners: Array, vertices: npt.NDArray[np.integer]) -> Array:
     mean = unit(sums[vertices])
     own = np.repeat(unit(areas)[:, None], 3, axis=1)
     alike = (own * mean).sum(axis=2, keepdims=True) > _SHARP_EDGE
-    normals: Array = np.where(alike, mean, own)
-    return normals
+    return np.where(alike, mean, own)
 
 
 def unit(vectors: npt.NDArray) -> Array:
     """The vectors (..., 3) over their lengths; a vector of length zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    result: Array = vectors / np.where(length > 0, length, 1.0)
-    return result
+    return vectors / np.where(length > 0, length, 1.0)

@@ -245,8 +245,7 @@ class RunView:
 
     def _body_positions(self, name: str, surface: _Surface, record: int) -> Array:
         file, step = self.run.bodies[name].at(record)
-        points: Array = file.positions(step)[surface.points]
-        return points
+        return file.positions(step)[surface.points]
 
     def _body_values(
         self, name: str, surface: _Surface, field: str, record: int
@@ -277,8 +276,7 @@ class RunView:
 
     def _connector_positions(self, lines: Integers, record: int) -> Array:
         ends = self.run.connector_lines(float(self.run.times[record]))
-        points: Array = ends[lines].reshape(-1, 3)
-        return points
+        return ends[lines].reshape(-1, 3)
 
     def _solid_positions(self, number: int, record: int) -> Array:
         return self.run.solid_points(float(self.run.times[record]))[number]

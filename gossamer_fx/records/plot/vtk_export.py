@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import OutputFailure, check
+from gossamer_fx.core.checks.errors import check, output_failures
 from gossamer_fx.records.fields.units import with_unit
 from gossamer_fx.records.outputs.vtu_format import (
     Entry,
@@ -60,7 +60,7 @@ def export(run: RunReader, folder: str | Path) -> Path:
     file_to_write(scene)
     _check_own(folder)
     entries = []
-    try:
+    with output_failures(folder):
         # The earlier export may have had more times, or other bodies.
         scene.unlink(missing_ok=True)
         if files.is_dir():
@@ -76,10 +76,6 @@ def export(run: RunReader, folder: str | Path) -> Path:
             write_vtm(files / of_time, parts)
             entries.append(Entry(float(time), 0, f"{_FILES}/{of_time}"))
         write_pvd(scene, entries)
-    except OSError as error:
-        raise OutputFailure(
-            f"Cannot write to '{folder}' ({error.strerror}); choose a folder that is writable."
-        ) from error
     return scene
 
 

@@ -208,8 +208,7 @@ def direction_of(run: StateView, of: Membrane | Port) -> Array:
     b = positions[corners[:, 1]]
     c = positions[corners[:, 2]]
     own_sum = np.cross(b - a, c - a).sum(axis=0)
-    total: Array = run.comm.allreduce(own_sum, op=MPI.SUM)
-    return total
+    return run.comm.allreduce(own_sum, op=MPI.SUM)
 
 
 def _angle(a: Array, b: Array) -> float:

@@ -122,8 +122,7 @@ def angular_momentum_about_centre(run: StateView) -> Array:
         own[3:] += wheels.wheel_momentum()
     momenta.destroy()
     sums = run.comm.allreduce(own)
-    about_centre: Array = sums[3:] - np.cross(centre_of_mass(system), sums[:3])
-    return about_centre
+    return sums[3:] - np.cross(centre_of_mass(system), sums[:3])
 
 
 def centre_of_mass(system: System) -> Array:

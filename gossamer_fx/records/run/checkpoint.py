@@ -43,7 +43,6 @@ import time
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
@@ -129,8 +128,7 @@ def cell_vertices(body: MeshBody) -> npt.NDArray[np.int64]:
     # The first points of a cell are its corners, also if the geometry is of order 2.
     corner_count = mesh.topology.dim + 1
     corners = geometry_nodes(mesh)[:, :corner_count]
-    vertices: npt.NDArray[np.int64] = mesh.geometry.input_global_indices[corners]
-    return vertices
+    return mesh.geometry.input_global_indices[corners]
 
 
 def cell_names(body: MeshBody) -> Names:
@@ -404,7 +402,7 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
 
 
 # Number of the format; it changes with the contents of the files.
-FORMAT = 7
+FORMAT = 8
 
 # A file is summed in blocks of this many bytes, so that its size does not matter.
 CHECKSUM_BLOCK = 1 << 20
@@ -677,7 +675,7 @@ class Checkpoints:
             "supplied": run.comm.allreduce(system.supplied_energy),
             "run": run.get_history(),
             "history": run.history.get_history(),
-            "totals": _plain(run.totals),
+            "totals": run.totals.as_data(),
             "resultants": {name: value.tolist() for name, value in system.resultants().items()},
             "outputs": cursors,
         }
@@ -735,8 +733,7 @@ def read(
 
     system = run.system
     system.time = state["time"]
-    # Checkpoints of earlier versions have none.
-    system.previous_time = state.get("time before", system.time)
+    system.previous_time = state["time before"]
     # The checkpoint contains sums over its ranks.  Here, rank 0 adds them to its share.
     share = float(comm.rank == 0)
     losses = state["totals"]["losses"]
@@ -746,10 +743,8 @@ def read(
     system.losses = {name: share * losses.get(name, 0.0) for name in causes}
     run.history.set_history(state["history"])
     run.set_history(state["run"])
-    # Checkpoints of earlier versions have none.
-    if "resultants" in state:
-        loads = state["resultants"].items()
-        system.restored_resultants = {name: np.array(value) for name, value in loads}
+    loads = state["resultants"].items()
+    system.restored_resultants = {name: np.array(value) for name, value in loads}
     # Arguments that are meant to be others change the energies.
     if not changes:
         compare_energies(path, run.totals, state["totals"])
@@ -882,8 +877,7 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
         for name in state["vectors"]:
             empty[f"{name} {k}"] = np.zeros((0, block.size))
         _join(shares, empty, arrays)
-    # Checkpoints of earlier versions have no cells.
-    for name in state.get("cells", ()):
+    for name in state["cells"]:
         no_cells: dict[str, Any] = {
             f"{CELL_NAMES} {name}": np.zeros(0, dtype=np.uint64),
             f"{CELL_VALUES} {name}": np.zeros((0, 1)),
@@ -899,16 +893,6 @@ def _join(shares: list[dict[str, Any]], empty: dict[str, Any], arrays: dict[str,
         arrays[key] = no_rows
         if shares:
             arrays[key] = np.concatenate([share[key] for share in shares])
-
-
-def _plain(totals: Totals) -> dict[str, Any]:
-    """Totals as numbers, lists and dictionaries, for JSON."""
-    plain = {}
-    for name, value in asdict(totals).items():
-        if isinstance(value, np.ndarray):
-            value = value.tolist()
-        plain[name] = value
-    return plain
 
 
 def _folder_name(step: int) -> str:

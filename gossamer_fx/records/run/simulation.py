@@ -22,11 +22,8 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments, collective
 from gossamer_fx.core.checks.ending import (
@@ -354,8 +351,7 @@ class Simulation:
         Raises:
             InputError: the scene has no chamber of this name.
         """
-        state: ChamberState = self.system.chamber(name)
-        return state
+        return self.system.chamber(name)
 
     # ---- running ---------------------------------------------------------------------------------
 
@@ -589,18 +585,13 @@ class Simulation:
 
         Energies are in J, times in s; the same on every rank.
         """
-        first = {}
-        for name, value in asdict(self.first).items():
-            if isinstance(value, np.ndarray):
-                value = value.tolist()
-            first[name] = value
         events: dict[str, Any] = {"done": [], "last": []}
         if self._monitor:
             events = self._monitor.get_history()
         counts = {name: getattr(self, name) for name in _COUNTS}
         return {
             **counts,
-            "first": first,
+            "first": self.first.as_data(),
             "largest energy": self.solver.newton.largest_energy,
             "round-off energy": self.solver.newton.round_off_energy,
             "recorded": self.recorded,
@@ -611,22 +602,16 @@ class Simulation:
         """Restore the counters, energies and events of a checkpoint.  Collective.
 
         Args:
-            state: what `get_history` returned, maybe of an earlier version.
+            state: what `get_history` returned.
 
         Raises:
             InputError: the probe of an event fails.
         """
         for name in _COUNTS:
             setattr(self, name, state[name])
-        first: dict[str, Any] = {}
-        for name, value in state["first"].items():
-            if isinstance(value, list):
-                value = np.array(value)
-            first[name] = value
-        self.first = Totals(**first)
+        self.first = Totals.of_data(state["first"])
         self.solver.newton.largest_energy = state["largest energy"]
-        # Checkpoints of earlier versions have none.
-        self.solver.newton.round_off_energy = state.get("round-off energy", 0.0)
+        self.solver.newton.round_off_energy = state["round-off energy"]
         # `totals` compares times only, and the restored state may have that of the start.
         self._totals = self.system.totals()
         self.recorded = state["recorded"]

@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check, check_on_all, is_vector
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.drawing import table
 from gossamer_fx.core.model.body import Array, Body, BringsCoordinates, Vector, is_body, is_on_mesh
 from gossamer_fx.core.model.state import BodyState, InitialState
@@ -51,14 +51,6 @@ class RigidMotion:
     _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     name: str = "rigid motion"
-
-    def __post_init__(self) -> None:
-        for argument in ("spin", "velocity", "centre"):
-            value = getattr(self, argument)
-            check(
-                is_vector(value),
-                f"RigidMotion '{self.name}': {argument} is {value!r}; give three finite numbers.",
-            )
 
     def initialise(self, start: InitialState) -> None:
         """Add the motion to the rates of all bodies of the scene."""

@@ -784,7 +784,8 @@ def for_constraints(
     others = eliminated_joints.other_unknowns(system)
     are_few = system.comm.allreduce(len(others)) <= eliminated_joints.MAX_ELIMINATED
     is_large = not are_few and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
-    has_films = _has_films(system)
+    of_films = system.comm.allreduce(system.numbering.size_local - len(others))
+    has_films = of_films >= MIN_FILM_SHARE * system.numbering.size
     has_contact = bool(system.active_sets)
     if has_films and not (are_few and has_contact):
         frames = _free_frames(system)
@@ -795,17 +796,6 @@ def for_constraints(
     if not eliminated_joints.can_be_eliminated(system, others):
         return None
     return eliminated_joints.EliminatedJoints(system, others, max_iterations)
-
-
-def _has_films(system: System) -> bool:
-    """Whether most unknowns are those of films and cables; others are factorised faster.
-    Collective."""
-    of_films = 0
-    for body in system.coordinates:
-        if body.block.size == 3:
-            block = system.block(body).owned
-            of_films += block.stop - block.start
-    return system.comm.allreduce(of_films) >= MIN_FILM_SHARE * system.numbering.size
 
 
 def _columns(A: PETSc.Mat, rows: Indices) -> Indices:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from gossamer_fx.core.model.body import Array
+
+_VECTORS = ("momentum", "angular_momentum")
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,17 @@ class Totals:
         # Signs do not cancel: an error of 1 J in 100 J in and 99 J out is one percent.
         flows = abs(self.supplied) + abs(self.dissipated)
         return max(self.kinetic + sum(map(abs, self.stored.values())), flows)
+
+    def as_data(self) -> dict[str, Any]:
+        """Numbers, lists and dictionaries, for JSON."""
+        vectors = {name: getattr(self, name).tolist() for name in _VECTORS}
+        return asdict(self) | vectors
+
+    @classmethod
+    def of_data(cls, data: Mapping[str, Any]) -> Totals:
+        """The totals of which `as_data` made these data."""
+        vectors = {name: np.array(data[name]) for name in _VECTORS}
+        return cls(**{**data, **vectors})
 
 
 def relative_drift(now: Array, first: Array, scale: float = 0.0) -> float:
