@@ -154,7 +154,6 @@ class SewnEdges(Protocol):
     def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
         """Both edges, so that points of like fractions of arc length belong together.
         Collective."""
-        ...
 
 
 def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:

@@ -357,4 +357,3 @@ class DrawnAsLines(Protocol):
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
         """The two ends of each line."""
-        ...

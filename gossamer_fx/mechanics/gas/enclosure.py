@@ -55,19 +55,16 @@ class CompiledEnclosure(Protocol):
     def pressure(self) -> Array:
         """The pressure (1,) [Pa] of the iterate, written by the network; forces and tangents use
         it."""
-        ...
 
     @property
     def measures(self) -> Array:
         """Three volumes [m³], the same on every rank: V(q1); the sum of the sizes of the terms that
         add up to it, by which round-off is judged; and W = G(q_mid)·(q1 - q0), or V(q1) - V(q0) if
         forces act at the end of the step."""
-        ...
 
     def start(self) -> None:
         """Take q1 as the initial state, e.g. to find the sign of the normals; the geometry is
         evaluated again afterwards."""
-        ...
 
     # G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only, until the next `Geometry.follow`.
 
@@ -89,25 +86,20 @@ class Enclosure(Protocol):
     def films(self) -> Sequence[Membrane]:
         """The films that bound the chamber, on which outputs show the pressure; none for a
         piston."""
-        ...
 
     @property
     def whole_films(self) -> Sequence[Membrane]:
         """Films of which all triangles bound the chamber, so that no second chamber may use
         them."""
-        ...
 
     def cells(self, film: Membrane) -> np.ndarray:
         """Local triangles (owned and ghost) of one of its films that bound the chamber."""
-        ...
 
     def requires(self) -> Iterable[Any]:
         """The bodies that join the scene with the chamber."""
-        ...
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
         """The enclosure in a running scene; `geometry` has what several enclosures share."""
-        ...
 
 
 class FilmEnclosure:

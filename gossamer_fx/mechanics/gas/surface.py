@@ -17,16 +17,13 @@ class Moving(Protocol):
 
     def follow(self) -> None:
         """Evaluate it at the end of the step, `system.q1`."""
-        ...
 
     def accept(self) -> None:
         """Make the end of this step the start of the next."""
-        ...
 
     def add_forces(self, values: Array) -> None:
         """Subtract the forces of the gas, pressure · G(q_mid) [N], from the owned part of a
         residual."""
-        ...
 
 
 class MovingArea(Protocol):
@@ -34,17 +31,14 @@ class MovingArea(Protocol):
 
     def aperture(self, h: float) -> float:
         """The area [m²] at q0 + ½ h v0 for a step of length h [s].  Collective."""
-        ...
 
     def aperture_gradient(self, h: float) -> Array:
         """Derivative [m] of the area of `aperture` by positions at the start of the step, for
         `add_own`; that by v0 is ½ h times as large.  Collective."""
-        ...
 
     def add_own(self, values: Array, gradient: Array, /) -> None:
         """Add a gradient of `aperture_gradient` to the owned unknowns of the body in `values`, this
         rank's part of a system vector."""
-        ...
 
 
 class DeformedArea(Protocol):
@@ -52,7 +46,6 @@ class DeformedArea(Protocol):
 
     def compile(self, system: Assembly) -> MovingArea:
         """The area in a running scene.  Collective."""
-        ...
 
 
 class Geometry:

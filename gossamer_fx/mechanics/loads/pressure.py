@@ -121,7 +121,6 @@ class Fluid(Protocol):
 
     def profile(self, g: float, mesh: Mesh) -> Profile:
         """The pressure under the acceleration g [m/s²] of gravity, with constants of a mesh."""
-        ...
 
 
 @check_arguments

@@ -64,11 +64,9 @@ class FlyingForce(Protocol):
 
     def prepare(self, flight: Flight) -> None:
         """Take light, air or magnetic field of the coming step from the flight."""
-        ...
 
     def forces(self, X: Array, rate: Array) -> Array:
         """Forces (..., k, 3) on vectors X (..., k, 3) and their mean rates."""
-        ...
 
 
 class _ByComplexSteps:

@@ -117,7 +117,6 @@ class PointEnergy(Protocol):
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         """Mean stress over the path from e0 to e1, and its derivative by e1; ψ' and ψ''/2 at e0 =
         e1."""
-        ...
 
 
 class StressRule(ABC):

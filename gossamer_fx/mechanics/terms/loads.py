@@ -235,15 +235,12 @@ class PointForce(Protocol):
             X: k attached vectors (3k,), points [m] or directors [-], one after the other.
             V: their rates (3k,), [m/s] or [1/s].
         """
-        ...
 
     def force(self, X: Array) -> Array:
         """Forces (3k,) at the configuration X (3k,) in which forces act."""
-        ...
 
     def tangent(self, X: Array) -> Array:
         """Derivatives (3k, 3k) of the forces by X (3k,)."""
-        ...
 
 
 @runtime_checkable
@@ -252,11 +249,9 @@ class NumberedForce(Protocol):
 
     def get_number(self, key: str) -> Array:
         """The present value (m,) of a number or vector."""
-        ...
 
     def with_number(self, key: str, value: Array) -> PointForce:
         """The force with another value (m,)."""
-        ...
 
 
 @runtime_checkable
@@ -265,7 +260,6 @@ class ForceWithNumbers(NumberedForce, Protocol):
 
     def force_by_number(self, key: str, X: Array) -> Array:
         """Derivatives (3k, m) of the forces at the configuration X (3k,) in which forces act."""
-        ...
 
 
 @runtime_checkable
@@ -280,11 +274,9 @@ class ForceOfStart(Protocol):
 
     def start_adjoint(self) -> None:
         """Forget all sums: a backward pass begins."""
-        ...
 
     def work_by_number(self, key: str, X: Array, w: Array) -> Array:
         """Derivative (m,) of w·force by a number, of this step and of later ones."""
-        ...
 
     def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
         """Derivatives (3k,) of w·force by the vectors and by the rates at the start of the step.
@@ -292,7 +284,6 @@ class ForceOfStart(Protocol):
         X (3k,) is the configuration in which forces act, w (3k,) a displacement; the dependence on
         X is left out.
         """
-        ...
 
 
 @runtime_checkable

@@ -51,14 +51,12 @@ class PointDensity(Protocol):
 
     def energy(self, e: Array) -> Array:
         """ψ(e) [J], (n,) of (n, m)."""
-        ...
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         """S_mean (n, m) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), and dS_mean/de1 (n, m, m).
 
         At e0 = e1 they are ψ' and ψ''/2.
         """
-        ...
 
 
 class PointDamping(Protocol):
@@ -69,7 +67,6 @@ class PointDamping(Protocol):
 
         The loss S_mean·(e1 - e0) [J] is never negative.
         """
-        ...
 
 
 class PathDensity(HistoryVariables):
