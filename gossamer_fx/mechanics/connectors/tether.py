@@ -306,8 +306,7 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,)
         [m]; zero without a brake, as there is no room."""
         stretch = l1 - self._next_length
-        slip: Array = np.clip(stretch - self._yield_stretch, 0.0, self._room())
-        return slip
+        return np.clip(stretch - self._yield_stretch, 0.0, self._room())
 
     def _pull(self, y: Array) -> Array:
         """Tensions (n,) [N] at the stretches y (n,) [m] from the natural lengths at the start of

@@ -196,8 +196,7 @@ def unit_vector(vector: Vector | Array, owner: str) -> Array:
     direction = np.asarray(vector, dtype=float)
     length = np.linalg.norm(direction)
     check(bool(length > 0), f"{owner} has no length; give a direction.")
-    unit: Array = direction / length
-    return unit
+    return direction / length
 
 
 @check_arguments

@@ -39,8 +39,7 @@ def position_gradient(vectors: Array, reference: Array) -> Array:
     """
     weights, in_plane, normal = _weights(reference)
     if normal is None:
-        F: Array = vectors.T @ weights
-        return F
+        return vectors.T @ weights
     images = vectors.T @ weights
     image_of_normal = unit(np.cross(images[:, 0], images[:, 1]))
     F = images @ in_plane.T + np.outer(image_of_normal, normal)

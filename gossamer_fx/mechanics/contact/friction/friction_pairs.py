@@ -73,8 +73,7 @@ EDGE_WEIGHTS = np.array(
 
 def unit_vectors(vectors: Array) -> Array:
     """Return vectors (n, 3) of length one; those without a length stay zero."""
-    unit: Array = vectors / np.maximum(lengths_of(vectors), TINY)[:, None]
-    return unit
+    return vectors / np.maximum(lengths_of(vectors), TINY)[:, None]
 
 
 def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
@@ -432,8 +431,7 @@ class FrictionPairs:
         on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
         on_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
         by_gaps = self.start.gap_weights[:, :, None] * on_gaps[:, None]
-        forces: Array = by_gaps + on_directions[:, :, None] * sliding.r_mid[:, None]
-        return forces
+        return by_gaps + on_directions[:, :, None] * sliding.r_mid[:, None]
 
     # ---- tangents ----
 
@@ -530,15 +528,13 @@ class FrictionPairs:
         """Return the gradient Dm (n, 2, k, 3) of both measures r·t_i by the k points of each pair,
         where the vectors are r and t."""
         by_gaps = self.start.gap_weights[:, None, :, None] * t[:, :, None]
-        gradient: Array = by_gaps + self.start.direction_weights[..., None] * r[:, None, None]
-        return gradient
+        return by_gaps + self.start.direction_weights[..., None] * r[:, None, None]
 
 
 def parameters_at_start(pairs: ActivePairs) -> Array:
     """Return (u, v) (n, 2) of the closest points of pairs at the start of their step."""
     assert pairs.start is not None, "a step has the starts of its pairs"
-    parameters: Array = pairs.start[:, :2]
-    return parameters
+    return pairs.start[:, :2]
 
 
 def grip_of(w: Array, creep: float) -> Grip:

@@ -283,8 +283,7 @@ class ContactPoints:
         """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
         if self.comm.size == 1:
             # Six times as fast as a scatter.
-            found: Array = q.array_r[self._dofs]
-            return found
+            return q.array_r[self._dofs]
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
