@@ -43,8 +43,9 @@ from gossamer_fx.mechanics.bodies.initial_strain import Tensors
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import PointFunction
 from gossamer_fx.mechanics.bodies.properties import Property, cell_normals, cellwise, owned_values
-from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy, Varying
+from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.mechanics.terms.energies_in_time import Varying
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
 
 if TYPE_CHECKING:
