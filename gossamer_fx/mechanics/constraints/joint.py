@@ -225,7 +225,7 @@ class Link(Between):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FixedJoint(FrameJoint):
     """The relative position and rotation of two frames are constant: a weld.
 
@@ -242,9 +242,6 @@ class FixedJoint(FrameJoint):
         'fixed'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
     name: str = "fixed"
 
     @cached_property
@@ -257,6 +254,7 @@ class FixedJoint(FrameJoint):
         yield from same_rotation(self.name, *self._sides, start)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class AxisJoint(FrameJoint):
     """Frames that share an axis, a direction in space at the start."""
 
@@ -268,7 +266,7 @@ class AxisJoint(FrameJoint):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RevoluteJoint(AxisJoint):
     """Two frames share a point and an axis: a hinge.
 
@@ -287,10 +285,6 @@ class RevoluteJoint(AxisJoint):
         'revolute'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     name: str = "revolute"
 
     @cached_property
@@ -311,7 +305,7 @@ class RevoluteJoint(AxisJoint):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class UniversalJoint(FrameJoint):
     """Two frames share a point, and an axis of each stays normal to one of the other: a cross.
 
@@ -331,9 +325,6 @@ class UniversalJoint(FrameJoint):
         'universal'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
     axis_a: Vector
     axis_b: Vector
     name: str = "universal"
@@ -364,7 +355,7 @@ class UniversalJoint(FrameJoint):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PrismaticJoint(AxisJoint):
     """Two frames slide along an axis, which `a` carries, without relative rotation: a rail.
 
@@ -383,10 +374,6 @@ class PrismaticJoint(AxisJoint):
         'prismatic'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     name: str = "prismatic"
 
     @cached_property
@@ -403,7 +390,7 @@ class PrismaticJoint(AxisJoint):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CylindricalJoint(AxisJoint):
     """Two frames slide along an axis, which `a` carries, and turn about it.
 
@@ -422,10 +409,6 @@ class CylindricalJoint(AxisJoint):
         'cylindrical'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     name: str = "cylindrical"
 
     @cached_property
