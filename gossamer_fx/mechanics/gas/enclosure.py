@@ -187,12 +187,12 @@ class FilmEnclosure:
         end_vertices = table.ends[open_edges]
         signs = []
         for ring, loop in zip(self.rings, loops, strict=True):
-            passed = loop.direction(end_vertices)
+            passed = loop.line.directions(end_vertices)
             film_directions = passed * sum_of_directions[open_edges]
             own_sums = np.array([np.count_nonzero(passed), film_directions.sum()])
             found, film_direction = comm.allreduce(own_sums)
             check(
-                found == len(loop.vertices),
+                found == len(loop.line.nodes),
                 f"Chamber '{self.chamber}': "
                 f"its ring '{ring.edges}' is not a boundary of its surface; "
                 "give the groups of triangles on one side of it.",
