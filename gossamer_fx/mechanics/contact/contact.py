@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns, is_body, is_on_mesh
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.contact.compiled import FRICTION, STIFFNESS, ContactEnergy
 from gossamer_fx.mechanics.contact.geometry.facets import TRIANGLE_SIDES, facets_of
-from gossamer_fx.mechanics.contact.obstacles import Obstacle, check_friction
+from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.contact.potential import ContactLaw
 
 LAWS = {"barrier": ContactLaw.BARRIER, "penalty": ContactLaw.PENALTY}
@@ -28,9 +28,9 @@ ROUND_OFF = 1e-10
 # film would otherwise begin to touch each other.
 MAX_REACH = 0.5
 
-# Least and largest slip velocity [m/s].  Below the least one round-off would count as sliding;
-# above the largest one nothing slides fast enough for the full friction.
-SLIP_VELOCITIES = (1e-12, 1e6)
+# Below the least slip velocity round-off would count as sliding; above the largest one nothing
+# slides fast enough for the full friction.
+SlipVelocity = Annotated[float, Range(1e-12, 1e6, "m/s")]
 
 
 @check_arguments
@@ -85,11 +85,11 @@ class Contact:
     def __init__(
         self,
         *bodies: MeshBody | Obstacle,
-        distance: float,
-        stiffness: float | None = None,
-        law: str = "barrier",
-        friction: float = 0.0,
-        slip_velocity: float = 1e-3,
+        distance: Annotated[float, positive("m")],
+        stiffness: Annotated[float, positive("N/m³")] | None = None,
+        law: Literal["barrier", "penalty"] = "barrier",
+        friction: Annotated[float, not_negative()] = 0.0,
+        slip_velocity: SlipVelocity = 1e-3,
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
@@ -101,28 +101,11 @@ class Contact:
         self.law = law
         self.friction = friction
         self.slip_velocity = slip_velocity
-        self._check_positive("distance", distance, "m")
-        if stiffness is not None:
-            self._check_positive("stiffness", stiffness, "N/m³")
-        check(law in LAWS, f"Contact '{name}': law is {law!r}; use 'barrier' or 'penalty'.")
-        check_friction(f"Contact '{name}'", friction)
-        slowest, fastest = SLIP_VELOCITIES
-        check(
-            slowest <= slip_velocity <= fastest,
-            f"Contact '{name}': slip_velocity is {slip_velocity!r} m/s; give a speed between "
-            f"{slowest:g} and {fastest:g} m/s.",
-        )
         self._check_bodies(bodies)
         self.bodies = [body for body in bodies if not isinstance(body, Obstacle)]
         self.obstacles = [body for body in bodies if isinstance(body, Obstacle)]
         check(bool(self.bodies), f"Contact '{name}' has no film, cable or beam; give at least one.")
         self.radii = self._radii(radius or {})
-
-    def _check_positive(self, quantity: str, value: float, unit: str) -> None:
-        check(
-            math.isfinite(value) and value > 0,
-            f"Contact '{self.name}': {quantity} is {value!r} {unit}; give a positive number.",
-        )
 
     def _check_bodies(self, bodies: tuple[Any, ...]) -> None:
         """Raise `InputError` for what has no surface, and for what is given twice."""

@@ -107,7 +107,11 @@ class Obstacle:
         where a kind has an attribute of this name."""
         owner = f"{type(self).__name__} '{self.name}'"
         if self.friction is not None:
-            check_friction(owner, self.friction)
+            check(
+                math.isfinite(self.friction) and self.friction >= 0,
+                f"{owner}: friction is {self.friction!r}; "
+                "give zero, or a positive ratio of forces.",
+            )
         check(
             self.body is None or self.motion is None,
             f"{owner}: a part of a rigid body moves with that body; leave out one of 'body' and "
@@ -180,14 +184,6 @@ class Obstacle:
             x, y, z = direction
             return Ground((float(x), float(y), float(z)))
         return along(direction, self.body.frame())
-
-
-def check_friction(owner: str, friction: float) -> None:
-    """Raise `InputError` unless a coefficient of friction is zero or positive."""
-    check(
-        math.isfinite(friction) and friction >= 0,
-        f"{owner}: friction is {friction!r}; give zero, or a positive ratio of forces.",
-    )
 
 
 def unit_vector(vector: Vector | Array, owner: str) -> Array:

@@ -32,12 +32,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from dolfinx import fem
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
@@ -90,8 +90,8 @@ class Viscoelasticity:
 
     body: Membrane | Cable | Beam
     _: KW_ONLY
-    ratios: Sequence[float]
-    times: Sequence[float]
+    ratios: Sequence[Annotated[float, positive()]]
+    times: Sequence[Annotated[float, positive("s")]]
     name: str = "viscoelasticity"
 
     def __post_init__(self) -> None:
@@ -101,11 +101,6 @@ class Viscoelasticity:
             f"{what}: {len(self.ratios)} ratios and {len(self.times)} times are given; "
             "give one of each for every branch.",
         )
-        for value in (*self.ratios, *self.times):
-            check(
-                0 < value < math.inf,
-                f"{what}: a ratio or time is {value!r}; give positive numbers.",
-            )
         body = self.body
         check(
             not body.bends,
