@@ -405,23 +405,14 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         gathered = self._comm.allgather(mine)
         # Ties that must stay come first, so that only others close circles.
         ties = sorted(tie for of_rank in gathered for tie in of_rank)
-        root: dict[int, int] = {}
+        # Imported here: few scenes have ties that repeat others.
+        from scipy.cluster.hierarchy import DisjointSet
 
-        def root_of(vertex: int) -> int:
-            """The vertex that stands for all that are connected with this one; paths are
-            shortened."""
-            while (above := root.setdefault(vertex, vertex)) != vertex:
-                root[vertex] = root[above]
-                vertex = above
-            return vertex
-
+        connected = DisjointSet(vertex for _, _, a, b, _, _ in ties for vertex in (a, b))
         found = []
         for may_repeat, _, a, b, of_rank, position in ties:
-            first = root_of(a)
-            second = root_of(b)
-            if first != second:
-                root[first] = second
-            elif may_repeat and of_rank == rank:
+            closes_circle = not connected.merge(a, b)
+            if closes_circle and may_repeat and of_rank == rank:
                 found.append(position)
         return np.array(found, dtype=np.int64)
 

@@ -109,8 +109,8 @@ def _weights_of(vectors: Sequence[Attached], system: Assembly) -> tuple[csr_matr
         if isinstance(vector, Port):
             unknowns, P, _ = attach(system.numbering, system.bodies, (vector,))
             # Three unknowns, and three columns of P, for each vector of which it is a combination.
-            first_dofs += unknowns[::3].tolist()
-            weights += P[0, ::3].tolist()
+            first_dofs += [int(unknown) for unknown in unknowns[::3]]
+            weights += [float(weight) for weight in P[0, ::3]]
             rows += [number] * (len(unknowns) // 3)
     distinct, columns = np.unique(np.array(first_dofs, dtype=np.int64), return_inverse=True)
     shape = (len(vectors), len(distinct))
