@@ -47,7 +47,7 @@ from gossamer_fx.mechanics.contact.contract import (
     Sides,
 )
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable, Table
 from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState, evaluate
 from gossamer_fx.mechanics.contact.stencils import (
     SIDES,
@@ -111,7 +111,7 @@ def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class SlidingGeometry:
+class SlidingGeometry(Table):
     """Where n pairs slide, between k points each.
 
     Attributes:
@@ -125,15 +125,9 @@ class SlidingGeometry:
     gap_weights: Array
     direction_weights: Array
 
-    def rows(self, which: Any) -> SlidingGeometry:
-        """Some of the pairs, given by indices or by a mask (n,)."""
-        return SlidingGeometry(
-            self.normal[which], self.gap_weights[which], self.direction_weights[which]
-        )
-
 
 @dataclass(frozen=True)
-class BetweenBodies:
+class BetweenBodies(Table):
     """Geometry of n pairs between bodies, which slide along two edges of the pair.
 
     Attributes:
@@ -141,10 +135,6 @@ class BetweenBodies:
     """
 
     kind: ByteArray
-
-    def rows(self, which: Any) -> BetweenBodies:
-        """Some of the pairs, given by indices or by a mask (n,)."""
-        return BetweenBodies(self.kind[which])
 
     def repeated(self, times: int) -> BetweenBodies:
         """The same pairs, each `times` times in a row."""
@@ -263,7 +253,7 @@ class FrictionStep:
 
 
 @dataclass(frozen=True)
-class Sliding:
+class Sliding(Table):
     """How n pairs slide in a step: w (n, 2) [m], and the vectors r (n, 3) [m] and directions t (n,
     2, 3) [-] in its middle and at its end."""
 
@@ -272,16 +262,6 @@ class Sliding:
     t_mid: Array
     r_end: Array
     t_end: Array
-
-    def rows(self, which: Int64Array) -> Sliding:
-        """The sliding of some of the pairs, given by their indices (m,)."""
-        return Sliding(
-            w=self.w[which],
-            r_mid=self.r_mid[which],
-            t_mid=self.t_mid[which],
-            r_end=self.r_end[which],
-            t_end=self.t_end[which],
-        )
 
 
 @dataclass(frozen=True)
