@@ -33,8 +33,9 @@ from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.quality import area_vectors
-from gossamer_fx.core.model.body import Array, Port, has_nodal_unknowns, unit
+from gossamer_fx.core.model.body import Array, Port, unit
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.film_area import named_triangles
 from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Side, Triangles
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
@@ -218,29 +219,6 @@ class FilmEnclosure:
             "make or read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
         )
         return signs
-
-
-def named_triangles(film: Membrane, surface: tuple[str, ...], user: str) -> np.ndarray:
-    """Return the local triangles (n,) of named groups, owned and ghost, in rising order; of the
-    whole film if no group is named.  `InputError`: a group is not one of triangles."""
-    if not surface:
-        return all_triangles(film)
-    groups = [film.mesh.group(name) for name in surface]
-    check(
-        all(dim == 2 for dim, _ in groups),
-        f"{user}: its surface {surface} must be named groups of triangles.",
-    )
-    return np.unique(np.concatenate([cells for _, cells in groups]))
-
-
-def all_triangles(film: Membrane) -> np.ndarray:
-    """All local triangles of a film (owned and ghost).  `InputError`: it is a reduced film."""
-    check(
-        has_nodal_unknowns(film),
-        f"'{film.name}' is a reduced film, whose triangles are samples; gas needs the film itself.",
-    )
-    index_map = film.mesh.domain.topology.index_map(2)
-    return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
 
 
 class CompiledSurface:

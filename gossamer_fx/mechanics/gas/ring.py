@@ -204,8 +204,9 @@ class Loop:
         """a (3,) [m²] of (1) for the tangents of the strips."""
         return np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
 
-    def add_own(self, values: Array, G: Array) -> None:
-        values[self._own] += G[self._mine]
+    def add_own(self, values: Array, gradient: Array) -> None:
+        """Add a gradient of `aperture_gradient` to this rank's part of a vector of the system."""
+        values[self._own] += gradient[self._mine]
 
     def _strip_tangents(self, X: Array) -> tuple[Array, Array]:
         """x,s and x,r (strips, g, 3) for the positions X (nodes, 3) of the nodes."""

@@ -35,11 +35,8 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, SewnEdges, shape_functions
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.enclosure import (
-    CompiledEnclosure,
-    CompiledSurface,
-    all_triangles,
-)
+from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, CompiledSurface
+from gossamer_fx.mechanics.gas.film_area import all_triangles
 from gossamer_fx.mechanics.gas.patches import Patches, Side, Triangles, is_owned
 from gossamer_fx.mechanics.gas.ring import QUADRATURE_DEGREE_ACROSS, quadrature
 from gossamer_fx.mechanics.gas.surface import Geometry
