@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, ClassVar, cast
 
-import basix.ufl
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
@@ -35,7 +34,11 @@ from gossamer_fx.mechanics.terms.assembly import (
     Compiler,
     Differentiable,
 )
-from gossamer_fx.mechanics.terms.element_energies import ViscousDissipation, thermal_strain_of
+from gossamer_fx.mechanics.terms.element_energies import (
+    ViscousDissipation,
+    quadrature_element,
+    thermal_strain_of,
+)
 
 Body = Membrane | Cable | Beam
 
@@ -283,12 +286,7 @@ class PresentStiffness:
         quadrature points of `dx`.
         """
         mesh = self.body.space.mesh
-        element = basix.ufl.quadrature_element(
-            mesh.basix_cell(),
-            value_shape=(STRAINS**2,),
-            degree=self.dx.metadata()["quadrature_degree"],
-            scheme="default",
-        )
+        element = quadrature_element(mesh, self.dx.metadata(), (STRAINS**2,))
         object.__setattr__(self, "values", fem.Function(fem.functionspace(mesh, element)))
 
     @property

@@ -256,10 +256,7 @@ class RelaxingForces(ViscousForces):
         # Equation (3).
         ψ = self.term.density
         stresses = [(1 + E) / 2 * r * gradient(ψ, z + change / 2) for r, E, z in self._branches()]
-        total = stresses[0]
-        for stress in stresses[1:]:
-            total += stress
-        return total
+        return sum(stresses[1:], stresses[0])
 
     def _loss(self, change: Expr) -> Expr:
         # Equation (4).

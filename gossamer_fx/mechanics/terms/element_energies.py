@@ -656,10 +656,7 @@ def _variation(
 
 def _sum(expressions: Sequence[Expr]) -> Expr:
     """The sum of one or more UFL expressions, without a zero in front."""
-    total = expressions[0]
-    for expression in expressions[1:]:
-        total += expression
-    return total
+    return sum(expressions[1:], expressions[0])
 
 
 def _linearised(term: StoredEnergy | ViscousDissipation, e: Expr, at: Coordinates) -> Expr:
