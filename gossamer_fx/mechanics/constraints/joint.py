@@ -49,17 +49,6 @@ from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 COINCIDE = 1e-8
 
 
-def check_coincide(name: str, a: Attached, b: Attached, start: State) -> None:
-    """Check that the two points of a joint coincide in the initial state, within `COINCIDE` of the
-    extent of the scene.  Collective."""
-    distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
-    check(
-        distance <= COINCIDE * start.extent(),
-        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; "
-        "let them coincide.",
-    )
-
-
 def product(name: str, u: Attached, v: Attached) -> PointConstraint:
     """The constraint u·v = 0 of two vectors u and v (3,), each of a body or of the ground."""
     # ½ (u, v)·H (u, v) = u·v
@@ -75,6 +64,18 @@ def coincidence(name: str, *pairs: tuple[Attached, Attached]) -> PointConstraint
     difference = np.hstack([np.eye(3), -np.eye(3)])
     measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))
     return PointConstraint(name, measure)
+
+
+def one_point(name: str, a: Attached, b: Attached, start: State) -> PointConstraint:
+    """The constraint that the two points of a joint coincide, as they have to at the start, within
+    `COINCIDE` of the extent of the scene: `InputError`.  Collective."""
+    distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
+    check(
+        distance <= COINCIDE * start.extent(),
+        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; "
+        "let them coincide.",
+    )
+    return coincidence(name, (a, b))
 
 
 def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[PointConstraint]:
@@ -170,8 +171,7 @@ class BallJoint(Between):
     name: str = "ball"
 
     def terms(self, start: State) -> Iterable[Term]:
-        check_coincide(self.name, self.a, self.b, start)
-        yield coincidence(self.name, (self.a, self.b))
+        yield one_point(self.name, self.a, self.b, start)
 
 
 @check_arguments
@@ -249,8 +249,7 @@ class FixedJoint(FrameJoint):
         return self.a if len(self.b.directors) == 3 else self.a.complete, self.b
 
     def terms(self, start: State) -> Iterable[Term]:
-        check_coincide(self.name, self.a.origin, self.b.origin, start)
-        yield coincidence(self.name, (self.a.origin, self.b.origin))
+        yield one_point(self.name, self.a.origin, self.b.origin, start)
         yield from same_rotation(self.name, *self._sides, start)
 
 
@@ -298,8 +297,7 @@ class RevoluteJoint(AxisJoint):
         return full.complete, other.complete
 
     def terms(self, start: State) -> Iterable[Term]:
-        check_coincide(self.name, self.a.origin, self.b.origin, start)
-        yield coincidence(self.name, (self.a.origin, self.b.origin))
+        yield one_point(self.name, self.a.origin, self.b.origin, start)
         n = axis_at(self.axis, self._sides, start)
         yield from same_axis(self.name, n, *self._sides, start)
 
@@ -345,8 +343,7 @@ class UniversalJoint(FrameJoint):
         return a, b
 
     def terms(self, start: State) -> Iterable[Term]:
-        check_coincide(self.name, self.a.origin, self.b.origin, start)
-        yield coincidence(self.name, (self.a.origin, self.b.origin))
+        yield one_point(self.name, self.a.origin, self.b.origin, start)
         a, b = self._sides
         # Carried by the bodies since they were made, as they may start turned.
         n = along(unit(self.axis_a), a)
