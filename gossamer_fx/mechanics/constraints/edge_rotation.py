@@ -14,7 +14,6 @@ from typing import ClassVar
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -24,6 +23,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, MeshBody, Vector, unit
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.membrane import edge_measure
 from gossamer_fx.mechanics.bodies.plate import Plate
 from gossamer_fx.mechanics.terms.assembly import Compiler
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
@@ -177,15 +177,8 @@ class EdgeRotation:
 
     def _measure(self) -> ufl.Measure:
         """The measure over the lengths [m] of the clamped edge, for UFL forms."""
-        domain = self.plate.mesh.domain
-        # Integrals over edges need the triangles next to them.
-        domain.topology.create_connectivity(1, 2)
         edges = self.plate.mesh.curve(self.edges, "Fixed")
-        tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
-        ds = ufl.Measure(
-            "ds", domain, subdomain_data=tags, metadata={"quadrature_degree": EDGE_DEGREE}
-        )
-        return ds(1)
+        return edge_measure(self.plate, "ds", edges, EDGE_DEGREE)
 
     def _slope(self, coordinates: Array) -> Expr:
         """The slope (3,) along the outer conormal of the edge, of coordinates of this rank's nodes.

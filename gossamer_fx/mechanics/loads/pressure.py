@@ -31,13 +31,12 @@ from dolfinx.mesh import Mesh
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.terms.loads import Load
+from gossamer_fx.mechanics.terms.loads import Load, in_time
 
 
 @check_arguments
@@ -74,32 +73,27 @@ class Pressure:
         film = self.body
         value = self.pressure
         mesh = film.space.mesh
-        # p [Pa] is the given pressure; `at` below sets it at a time.
+        # p [Pa] is the given pressure; a function of time is evaluated first by `at`.
         p = constant(mesh, 0.0 if callable(value) else value)
-        # A function of time belongs to its user; a gradient has the number that multiplies it.
-        factor = constant(mesh, 1.0) if callable(value) else None
-        pressure = p if factor is None else factor * p
+        pressure: Expr = p
+        at = None
+        parameters = (Parameter("pressure", "Pa", p),)
+        if callable(value):
+            # A function of time belongs to its user; a gradient has the number that multiplies it.
+            factor = constant(mesh, 1.0)
+            pressure = factor * p
+            at = in_time(film.comm, f"Pressure '{self.name}'", value, p)
+            parameters = (Parameter("factor", "", factor),)
         # Exact: the area vector is a product of two gradients, and w has the order of the film.
         degree = 2 * (film.order - 1) + film.order
         dx = film.surface_measure(degree)
-
-        def at(t: float) -> None:
-            """Set the pressure [Pa] to its value at a time t [s]."""
-            if callable(value):
-                source = f"Pressure '{self.name}' at t = {t:.6g} s"
-                p.value = ask_numbers(film.comm, source, lambda: value(t))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             """δW [J] at positions x along test functions w."""
             # The area vector is n da/dA: the integral over the mesh is one over the deformed film.
             return pressure * ufl.dot(area_vector(film.deformation(x)), w) * dx
 
-        if factor is not None:
-            scale = (Parameter("factor", "", factor),)
-            yield Load(self.name, film, work, follows=True, at=at, parameters=scale)
-            return
-        parameters = (Parameter("pressure", "Pa", p),)
-        yield Load(self.name, film, work, follows=True, parameters=parameters)
+        yield Load(self.name, film, work, follows=True, at=at, parameters=parameters)
 
 
 STANDARD_GRAVITY = 9.80665  # m/s²

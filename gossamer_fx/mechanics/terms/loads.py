@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 import ufl
 from dolfinx import fem, la
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.point_measures import (
@@ -22,6 +23,7 @@ from gossamer_fx.core.algebra.point_measures import (
     translation_weight,
 )
 from gossamer_fx.core.algebra.rotations import cross_matrices
+from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.cell_loops import assembly
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
@@ -134,6 +136,19 @@ class Load:
     at: Callable[[float], None] | None = None
     parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = Loads
+
+
+def in_time(
+    comm: MPI.Intracomm, what: str, value: Callable[[float], Any], target: fem.Constant
+) -> Callable[[float], None]:
+    """What sets a constant of forms to the value of a user's function at a time t [s], the same on
+    all ranks; `what` names the function in messages."""
+
+    def at(t: float) -> None:
+        source = f"{what} at t = {t:.6g} s"
+        target.value = ask_numbers(comm, source, lambda: value(t), target.value.shape)
+
+    return at
 
 
 class RateWork(Protocol):
