@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import ufl
@@ -16,6 +14,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array, has_nodal_unknowns
+from gossamer_fx.core.model.terms import OnBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
@@ -45,7 +44,7 @@ def all_triangles(film: Membrane) -> np.ndarray:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class FilmArea:
+class FilmArea(OnBody):
     """The deformed area [m²] of a film as the `area` of an opening, half a step ahead of the known
     state like that of a `Ring`.
 
@@ -61,9 +60,6 @@ class FilmArea:
 
     body: Membrane
     surface: tuple[str, ...] = ()
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def compile(self, system: Assembly) -> CompiledFilmArea:
         """The area in a running scene.  Collective."""

@@ -29,7 +29,6 @@ Cost: proportional to the number of edges; every rank knows all nodes of a ring.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,6 +40,7 @@ from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.terms import OnBody
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, edge_line
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.patches import Patches, is_owned
@@ -54,7 +54,7 @@ QUADRATURE_DEGREE_ACROSS = 2
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Ring:
+class Ring(OnBody):
     """A closed line of film edges.
 
     As the `area` of an `Orifice` it is the opening |½ ∮ x × dx| [m²] in its deformed shape, taken
@@ -81,9 +81,6 @@ class Ring:
     def __post_init__(self) -> None:
         # Refuses a name that is not a group of curves of the mesh.
         self.body.mesh.curve(self.edges, f"Ring on '{self.body.name}'")
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def loop(self) -> EdgeLine:
         """Return the edges of the closed line in the order of a walk around it, the same on every

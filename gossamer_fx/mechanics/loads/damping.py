@@ -24,7 +24,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Parameter, Term
+from gossamer_fx.core.model.terms import OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -45,7 +45,7 @@ Body = Membrane | Cable | Beam
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Damping:
+class Damping(OnBody):
     """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as
     dissipated.
 
@@ -89,9 +89,6 @@ class Damping:
             f"Damping '{self.name}': tension_only is for the stiffness damping of films; "
             "leave it out, or give both.",
         )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """Dissipation by the mass and by the stiffness, for factors above zero; with `tension_only`

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import ufl
 from dolfinx import fem
@@ -16,7 +16,7 @@ from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Indices, Vector
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Parameter, Term
+from gossamer_fx.core.model.terms import OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane, edge_measure
 from gossamer_fx.mechanics.terms.loads import Load, in_time
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class EdgeLoad:
+class EdgeLoad(OnBody):
     """A force per reference length along a named group of edges of a film: δW = ∫f·w ds.
 
     Args:
@@ -84,9 +84,6 @@ class EdgeLoad:
         )
         if not self.name:
             object.__setattr__(self, "name", f"{film.name}/{self.edges} load")
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         if self.normal_force is None:
@@ -176,7 +173,7 @@ def _normal(film: Membrane) -> Expr:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class EdgeMoment:
+class EdgeMoment(OnBody):
     """A moment per reference length about the deformed edge of a plate: δW = ∫ m n·w,n ds.
 
     n is the normal of the plate, and w,n the derivative of the test function across the edge.
@@ -212,9 +209,6 @@ class EdgeMoment:
         )
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} moment")
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         plate = self.body

@@ -34,14 +34,14 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Parameter, Term
+from gossamer_fx.core.model.terms import OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.loads import Load, in_time
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Pressure:
+class Pressure(OnBody):
     """A pressure along the deformed normal of a film: δW = p ∫n·w da.
 
     Args:
@@ -65,9 +65,6 @@ class Pressure:
     pressure: float | Callable[[float], float]
     _: KW_ONLY
     name: str = "pressure"
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         film = self.body
@@ -267,7 +264,7 @@ def _pressure(
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class FluidPressure:
+class FluidPressure(OnBody):
     """The pressure p(z) of a fluid at rest on one side of a film: δW = ± ∫p(z) n·w da, with + from
     inside and - from outside, n the normal of the deformed film.
 
@@ -297,9 +294,6 @@ class FluidPressure:
     def __post_init__(self) -> None:
         if not self.name:
             object.__setattr__(self, "name", f"{self.side} fluid")
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         film = self.body

@@ -46,7 +46,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -63,7 +63,7 @@ from gossamer_fx.mechanics.terms.element_energies import (
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Viscoelasticity:
+class Viscoelasticity(OnBody):
     """Stiffness of a film, cable or beam that relaxes: C(t) = C (1 + Σ r_k exp(-t/τ_k)), with the
     stiffness C of its law.  The loss counts as dissipated, the energy of the branches as stored.
 
@@ -116,9 +116,6 @@ class Viscoelasticity:
             f"{what}: the law of '{body.name}' is not quadratic in the strain; "
             "use one that is, such as Linear or a CableLaw of Green strain.",
         )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         body = self.body
