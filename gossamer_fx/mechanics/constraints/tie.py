@@ -47,7 +47,6 @@ from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, aligned, edge_line
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.constraints.joint import COINCIDE, coincidence
-from gossamer_fx.mechanics.terms.point_constraints import Closing
 
 # Distance of a point from the end of a segment, over the length of the segment, below which it
 # counts as the end, and depends on one node only.
@@ -335,9 +334,7 @@ class Seam:
     def terms(self, start: State) -> Iterable[Term]:
         """The constraint (1) of the module for each node of the finer edge and its point of the
         other one.  Collective."""
-        closing = None
-        if self.closing is not None:
-            closing = Closing(self.openness)
+        closing = None if self.closing is None else self.openness
         # Where seams meet, their constraints repeat each other; that is meant.
         joined = coincidence(self.name, *self._pairs(start))
         yield replace(joined, closing=closing, may_repeat=True)

@@ -352,21 +352,20 @@ class Box(Obstacle):
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
         """Return for a box a solid of 8 corners, 12 edges and 12 triangles, two on each face, for a
         room (`inside`) six boundaries."""
-        axes = np.asarray(self.axes, dtype=float)
-        centre = np.asarray(self.centre, dtype=float)
-        half = np.asarray(self.sizes, dtype=float) / 2
         if self.inside:
-            return self._boundaries(axes, centre, half), []
-        # The bits of a corner's number are the signs of its coordinates; z is the lowest bit.
-        corners = [centre + (np.array(signs) * half) @ axes for signs in product((-1, 1), repeat=3)]
-        points = tuple(self._at(corner) for corner in corners)
+            return self._boundaries(), []
+        points = tuple(self._at(corner) for corner in self._corners())
         return [], [ObstacleSolid(points, BOX_EDGES, _triangles_of_box())]
 
-    def picture(self, near: Array) -> DrawnSurface:
-        axes = np.asarray(self.axes, dtype=float)
-        half = np.asarray(self.sizes, dtype=float) / 2
+    def _corners(self) -> Array:
+        """The corners (8, 3) [m]: the bits of a corner's number are the signs of its coordinates; z
+        is the lowest bit."""
         signs = np.array(list(product((-1, 1), repeat=3)))
-        corners = np.asarray(self.centre, dtype=float) + signs * half @ axes
+        from_centre = signs * np.asarray(self.sizes, dtype=float) / 2
+        return np.asarray(self.centre, dtype=float) + from_centre @ np.asarray(self.axes, float)
+
+    def picture(self, near: Array) -> DrawnSurface:
+        corners = self._corners()
         faces = () if self.inside else _triangles_of_box()
         triangles = np.array(faces, dtype=np.int32).reshape(-1, 3)
         # Seen from outside their corners run counterclockwise, as those of all drawn surfaces.
@@ -375,10 +374,11 @@ class Box(Obstacle):
         triangles[is_inwards] = triangles[is_inwards, ::-1]
         return corners, triangles, np.array(BOX_EDGES, dtype=np.int32)
 
-    def _boundaries(self, axes: Array, centre: Array, half: Array) -> list[ObstacleBoundary]:
-        """Return the six planes around a room, with normals towards its middle. `axes`: unit
-        directions of the edges, orthonormal rows (3, 3); `centre`: of the box, (3,) [m]; `half`:
-        half of its sizes along the axes, (3,) [m]."""
+    def _boundaries(self) -> list[ObstacleBoundary]:
+        """Return the six planes around a room, with normals towards its middle."""
+        axes = np.asarray(self.axes, dtype=float)
+        centre = np.asarray(self.centre, dtype=float)
+        half = np.asarray(self.sizes, dtype=float) / 2
         boundaries = []
         for k in range(3):
             for sign in (-1, 1):
