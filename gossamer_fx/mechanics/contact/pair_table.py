@@ -20,7 +20,7 @@ from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.stencils import SIDES, STENCILS
 
 
-class Table:
+class PairRows:
     """Base of dataclasses whose fields are arrays with a row for each of n pairs."""
 
     def rows(self, which: Any) -> Self:
@@ -34,7 +34,7 @@ class Table:
 
 
 @dataclass
-class PairTable(Table):
+class PairTable(PairRows):
     """n pairs of this rank: what their distances need.
 
     Attributes:

@@ -47,7 +47,7 @@ from gossamer_fx.mechanics.contact.contract import (
     Sides,
 )
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable, Table
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairRows, PairTable
 from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState, evaluate
 from gossamer_fx.mechanics.contact.stencils import (
     SIDES,
@@ -111,7 +111,7 @@ def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class SlidingGeometry(Table):
+class SlidingGeometry(PairRows):
     """Where n pairs slide, between k points each.
 
     Attributes:
@@ -127,7 +127,7 @@ class SlidingGeometry(Table):
 
 
 @dataclass(frozen=True)
-class BetweenBodies(Table):
+class BetweenBodies(PairRows):
     """Geometry of n pairs between bodies, which slide along two edges of the pair.
 
     Attributes:
@@ -253,7 +253,7 @@ class FrictionStep:
 
 
 @dataclass(frozen=True)
-class Sliding(Table):
+class Sliding(PairRows):
     """How n pairs slide in a step: w (n, 2) [m], and the vectors r (n, 3) [m] and directions t (n,
     2, 3) [-] in its middle and at its end."""
 
