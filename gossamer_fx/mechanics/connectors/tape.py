@@ -21,9 +21,9 @@ from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.spring import Quadratic
+from gossamer_fx.mechanics.terms.discrete_gradient import PointDensity
 from gossamer_fx.mechanics.terms.point_energies import (
     AttachedKineticEnergy,
-    PointDensity,
     PointStoredEnergy,
     one_sided_average,
     one_sided_energy,

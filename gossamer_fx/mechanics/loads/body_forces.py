@@ -242,7 +242,7 @@ class Drags(Loads):
         coordinates = [system.coordinates[term.body] for term in terms]
         loads = []
         for term, at in zip(terms, coordinates, strict=True):
-            loads.append(at_rate(term, at))
+            loads.append(at_rate(term.name, term.body, term.work, at))
         super().__init__(loads, system)
         self.losses = [term.name for term in terms]
         # The step is a constant of the forms: another one needs no new kernel.

@@ -151,32 +151,18 @@ def in_time(
     return at
 
 
-class RateWork(Protocol):
-    """A load that also depends on the mean velocity of the step, `rate`, by its virtual work
-    `work(q, rate, w)` [J]."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def body(self) -> MeshBody: ...
-
-    @property
-    def work(self) -> Callable[[Expr, Expr, Expr], ufl.Form]: ...
-
-
 def rate_of(at: Coordinates) -> Expr:
     """Mean velocity (q1 - q0)/h of the step."""
     return (at.q1 - at.q0) / at.h
 
 
-def at_rate(term: RateWork, at: Coordinates) -> Load:
-    """The term as a load on these coordinates, whose step h [s] is to be set before each step."""
-
-    def work(q: Expr, w: Expr) -> ufl.Form:
-        return term.work(q, rate_of(at), w)
-
-    return Load(term.name, term.body, work, follows=True)
+def at_rate(
+    name: str, body: MeshBody, work: Callable[[Expr, Expr, Expr], ufl.Form], at: Coordinates
+) -> Load:
+    """A load that also depends on the mean velocity of the step, `rate`, by its virtual work
+    `work(q, rate, w)` [J], as one on these coordinates, whose step h [s] is to be set before each
+    step."""
+    return Load(name, body, lambda q, w: work(q, rate_of(at), w), follows=True)
 
 
 class LoadForces:
