@@ -42,7 +42,7 @@ from gossamer_fx.core.model.body import Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.rigid_body import RigidPiece
-from gossamer_fx.mechanics.terms.point_constraints import Closing, PointConstraint
+from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
 # Cells over half of the section in the full and the quick form, unless the input "cells_around" is
 # given.  With 18 of them results change by less than 0.2 %.
@@ -494,7 +494,7 @@ class Lowered:
         yield PointConstraint(
             self.name,
             measure,
-            closing=Closing(lambda t: 1.0 - t),
+            closing=lambda t: 1.0 - t,
         )
 
 

@@ -21,6 +21,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 from dolfinx import fem
 
+from gossamer_fx.core.model.body import Body
 from gossamer_fx.core.model.state import State
 
 
@@ -47,6 +48,15 @@ class RefersToItems(Protocol):
     def requires(self) -> Iterable[object]:
         """The items that it refers to."""
         ...
+
+
+class OnBody:
+    """An item of a scene that acts on one body, which joins the scene with it."""
+
+    body: Body
+
+    def requires(self) -> Iterable[object]:
+        yield self.body
 
 
 def terms_of(item: object, start: State) -> Iterable[Term]:

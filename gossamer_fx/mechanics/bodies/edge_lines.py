@@ -92,6 +92,16 @@ class EdgeLine:
             X=np.roll(self.X, -k, axis=0),
         )
 
+    def directions(self, ends: Numbers) -> Numbers:
+        """For each edge of a body, by the global numbers (m, 2) of its vertices, 1 if the line
+        passes it from the first to the second, -1 for the opposite direction, and 0 if it is not an
+        edge of the line; (m,)."""
+        base = 1 + max(int(ends.max(initial=0)), int(self.vertices.max()))
+        forwards = self.vertices @ [base, 1]
+        backwards = self.vertices @ [1, base]
+        edges = ends @ [base, 1]
+        return np.isin(edges, forwards).astype(np.int64) - np.isin(edges, backwards)
+
     def all_nodes(self) -> tuple[Numbers, Array]:
         """Global numbers (m,) of the nodes in the order of the line, and the fraction σ (m,) of its
         arc length of each.  A closed line does not repeat its first node."""
@@ -154,7 +164,6 @@ class SewnEdges(Protocol):
     def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
         """Both edges, so that points of like fractions of arc length belong together.
         Collective."""
-        ...
 
 
 def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:
@@ -225,8 +234,7 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     ends = [vertex for vertex, meeting in edges_at.items() if len(meeting) == 1]
     check(
         most_edges <= 2 and len(ends) in (0, 2),
-        f"{what} is not one line: it branches or has several parts; "
-        "name one line for each side of a seam.",
+        f"{what} is not one line: it branches or has several parts; make a group of each line.",
     )
     coordinates = np.array(list(point.values()))
     low = coordinates.min(axis=0)
@@ -257,9 +265,10 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
         if not further or vertex == start:
             break
         edge = further[0]
+    kind = "lines" if ends else "closed lines"
     check(
         len(walk) == len(vertices),
-        f"{what} is not one line: it has several parts; name one line for each side of a seam.",
+        f"{what} is not one line: its edges form several {kind}; make a group of each line.",
     )
     return np.array(walk), np.array(forwards), not ends
 

@@ -285,12 +285,17 @@ def check_axis(joint: Any) -> None:
     )
 
 
-class Between:
+class _Named:
+    # Not a field of `Between`: in signatures it comes last, with the default of each class.
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Between(_Named):
     """Two sides, at least one of which moves."""
 
     a: Attached | Frame
     b: Attached | Frame
-    name: str
 
     def __post_init__(self) -> None:
         check(
@@ -317,6 +322,7 @@ class Between:
         yield from bodies_of(*self._sides)
 
 
+@dataclass(frozen=True, eq=False)
 class LineBetween(Between):
     """Two points between which pictures show a straight line."""
 
@@ -329,6 +335,7 @@ class LineBetween(Between):
         return [(self.a, self.b)]
 
 
+@dataclass(frozen=True, eq=False)
 class FrameJoint(Between):
     """Frames of two different bodies, or of one and the ground."""
 
@@ -357,4 +364,3 @@ class DrawnAsLines(Protocol):
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
         """The two ends of each line."""
-        ...

@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
 import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
+from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
@@ -21,7 +23,7 @@ from gossamer_fx.core.forms.kinematics import (
 )
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import (
@@ -247,3 +249,14 @@ class Membrane(Meshed):
             owned = nodes[nodes < len(points)]
             moved[owned] = points[owned] + function(points[owned].T).T
         return moved.ravel(), v
+
+
+def edge_measure(film: Membrane, kind: str, edges: Indices, degree: int) -> ufl.Measure:
+    """The measure "ds" of local edges (n,) on the rim of a film, or "dS" of edges between its
+    triangles, for integrands of a degree."""
+    domain = film.mesh.domain
+    # Integrals over edges need the triangles next to them.
+    domain.topology.create_connectivity(1, 2)
+    tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
+    metadata = {"quadrature_degree": degree}
+    return ufl.Measure(kind, domain, subdomain_data=tags, metadata=metadata)(1)

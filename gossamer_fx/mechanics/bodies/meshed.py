@@ -152,8 +152,7 @@ class Meshed(ABC):
         dim, entities = self.mesh.group(group)
         topology = self.mesh.domain.topology
         topology.create_connectivity(dim, topology.dim)
-        nodes: np.ndarray = fem.locate_dofs_topological(self.space, dim, entities)
-        return nodes
+        return fem.locate_dofs_topological(self.space, dim, entities)
 
     @check_arguments
     @collective

@@ -55,7 +55,7 @@ class Corners:
 class TabulatedBars:
     """Energy L W(x) of bars with natural lengths L [m], as a function of ε = ½(λ² - 1).
 
-    It is the `terms.point_energies.PointDensity` of tapes.
+    It is the `terms.discrete_gradient.PointDensity` of tapes.
     """
 
     corners: Corners

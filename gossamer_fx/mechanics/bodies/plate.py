@@ -10,7 +10,6 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
-from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all, real_numbers
@@ -40,11 +39,12 @@ from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import Tensors
-from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.bodies.membrane import Membrane, edge_measure
 from gossamer_fx.mechanics.bodies.meshed import PointFunction
 from gossamer_fx.mechanics.bodies.properties import Property, cell_normals, cellwise, owned_values
-from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy, Varying
+from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.mechanics.terms.energies_in_time import Varying
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
 
 if TYPE_CHECKING:
@@ -341,17 +341,15 @@ class Plate(Membrane):
     def _transmitting(self) -> ufl.Measure:
         """The measure "dS" of the interior edges that transmit bending moments: all but the hinges.
         Collective."""
-        domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
+        domain = self.mesh.domain
         if not self.hinges:
-            return ufl.Measure("dS", domain, metadata=metadata)
+            return ufl.Measure("dS", domain, metadata={"quadrature_degree": EDGE_DEGREE})
         edges = domain.topology.index_map(1)
-        domain.topology.create_connectivity(1, 2)
         # A hinge transmits no moment: its edges have no bending form.
         others = np.setdiff1d(
             np.arange(edges.size_local + edges.num_ghosts, dtype=np.int32), self._hinged
         )
-        tags = meshtags(domain, 1, others, np.ones(len(others), dtype=np.int32))
-        return ufl.Measure("dS", domain, subdomain_data=tags, metadata=metadata)(1)
+        return edge_measure(self, "dS", others, EDGE_DEGREE)
 
     def _check_angles(self, table: EdgeTable) -> None:
         """Check that neighbouring triangles lie in one plane unless a hinge is between them, those

@@ -30,14 +30,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import ufl
-from dolfinx import fem, la
-from petsc4py import PETSc
+from dolfinx import fem
 
-from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.model.body import Body, MeshBody
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.core.model.body import MeshBody
+from gossamer_fx.mechanics.terms.assembly import Compiler
+from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import gonzalez_correction
+from gossamer_fx.mechanics.terms.energies_in_time import Change, EnergiesInTime, StepForms, Varying
 
 # Lower bound of the divisor Σ (g_i'·Δq)², which vanishes in a step without motion.  The vectors are
 # dimensionless, so that changes of 1e-12, the root of this, are round-off.
@@ -46,134 +46,41 @@ SMALLEST = 1e-24
 Vectors = tuple[Expr, Expr, Expr]
 
 
-@dataclass(frozen=True, eq=False)
-class _Compiled:
-    """Compiled forms of one term, and the array of its forces with ghosts."""
-
-    body: MeshBody
-    name: str
-    residual: fem.Form
-    tangent: fem.Form
-    energy: fem.Form
-    force: la.Vector
-    changing: _Changing | None
-
-
-@dataclass(frozen=True, eq=False)
-class _Changing:
-    """A function of time at both ends of the step, `varying.function` and `before`, and the form of
-    the work [J] that its change supplies."""
-
-    varying: Varying
-    before: fem.Function
-    supplied: fem.Form
-
-
-class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
+class TripleProductEnergies(EnergiesInTime["TripleProductEnergy"]):
     """All `TripleProductEnergy` terms of a scene."""
 
-    def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
-        # For each term: the vectors u, v, s are evaluated at the configuration `mid` in which
-        # forces act, along the test function (δ) and along the trial function (dq).
-        self._system = system
-        self._compiled: list[_Compiled] = []
-        for term in terms:
-            at = system.coordinates[term.body]
-            residual = ufl.Form([])
-            tangent = ufl.Form([])
-            energy = term.energy(at.q0)
-            energy_at_end = term.energy(at.q1)
-            for scale, vectors, dx in term.products:
-                mid = vectors(at.mid)
-                δ = vectors(at.w)
-                dq = vectors(at.dq)
-                force = _gradient(mid, δ)
-                if system.rule.conserves:
-                    force += _defect(mid, vectors(at.q1 - at.q0), δ)
-                residual += scale * force * dx
-                tangent += at.α * scale * _second(mid, dq, δ) * dx
-            changing = None
-            if term.varying is not None:
-                after = term.varying.function
-                before = fem.Function(after.function_space)
-                # Symbols are those of the end: forces take the value in the step, the energy at q0
-                # that of the start.
-                in_step = {after: (1 - at.α) * before + at.α * after}
-                residual = ufl.replace(residual, in_step)
-                tangent = ufl.replace(tangent, in_step)
-                at_start = {after: before}
-                by_end = energy_at_end - ufl.replace(energy_at_end, at_start)
-                by_start = energy - ufl.replace(energy, at_start)
-                energy = ufl.replace(energy, at_start)
-                supplied = compile_form((1 - at.α) * by_end + at.α * by_start)
-                changing = _Changing(term.varying, before, supplied)
-            compiled = _Compiled(
-                body=term.body,
-                name=term.name,
-                residual=compile_form(residual),
-                tangent=compile_form(tangent),
-                energy=compile_form(energy),
-                force=la.vector(term.body.block.index_map, term.body.block.size),
-                changing=changing,
-            )
-            self._compiled.append(compiled)
-
-    def begin_step(self, t: float) -> None:
-        # The end of the step, not the time t of its forces.
-        self.take_time(self._system.time + self._system.h)
-
-    def take_time(self, t: float) -> None:
-        """Set the functions of time at the end of the step, t [s]."""
-        for changing in self._changing():
-            changing.varying.set(changing.varying.function, t)
-
-    def commit(self) -> None:
-        """Take the functions of time at the end of the step as those at the start of the next."""
-        for changing in self._changing():
-            changing.before.x.array[:] = changing.varying.function.x.array
-
-    def supplied(self) -> float:
-        """Work [J] of what changes with time in the step, this rank's share."""
-        return sum(float(fem.assemble_scalar(one.supplied)) for one in self._changing())
-
-    def _changing(self) -> list[_Changing]:
-        """The functions of time of those terms that have one."""
-        return [one.changing for one in self._compiled if one.changing is not None]
-
-    def add_forces(self, r: PETSc.Vec) -> None:
-        for compiled in self._compiled:
-            force = compiled.force
-            # Assembly adds to what is there.
-            force.array[:] = 0
-            fem.assemble_vector(force.array, compiled.residual)
-            force.scatter_reverse(la.InsertMode.add)
-            owned = self._system.block(compiled.body).owned
-            with r as values:
-                values[owned] += force.array[: owned.stop - owned.start]
-
-    def tangent_forms(self, body: Body) -> list[fem.Form]:
-        return [compiled.tangent for compiled in self._compiled if compiled.body is body]
-
-    def energies(self) -> dict[str, float]:
-        """Stored energies [J] at q0 by name, this rank's share; terms of one name add up."""
-        found: dict[str, float] = {}
-        for compiled in self._compiled:
-            energy = float(fem.assemble_scalar(compiled.energy))
-            found[compiled.name] = found.get(compiled.name, 0.0) + energy
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class Varying:
-    """A function of time on which an energy depends.
-
-    Attributes:
-        function: symbol of it in the forms.
-        set: gives a function of the same space its values at a time [s].
-    """
-
-    function: fem.Function
-    set: Callable[[fem.Function, float], None]
+    def _step_forms(self, term: TripleProductEnergy, at: Coordinates) -> StepForms:
+        # The vectors u, v, s are evaluated at the configuration `mid` in which forces act, along
+        # the test function (δ) and along the trial function (dq).
+        residual = ufl.Form([])
+        tangent = ufl.Form([])
+        for scale, vectors, dx in term.products:
+            mid = vectors(at.mid)
+            δ = vectors(at.w)
+            dq = vectors(at.dq)
+            force = _gradient(mid, δ)
+            if self._system.rule.conserves:
+                force += _defect(mid, vectors(at.q1 - at.q0), δ)
+            residual += scale * force * dx
+            tangent += at.α * scale * _second(mid, dq, δ) * dx
+        energy = term.energy(at.q0)
+        if term.varying is None:
+            return StepForms(residual, tangent, energy)
+        # Symbols are those of the end: forces take the value in the step, the energy at q0 that of
+        # the start.
+        after = term.varying.function
+        before = fem.Function(after.function_space)
+        in_step = {after: (1 - at.α) * before + at.α * after}
+        at_start = {after: before}
+        energy_at_end = term.energy(at.q1)
+        by_end = energy_at_end - ufl.replace(energy_at_end, at_start)
+        by_start = energy - ufl.replace(energy, at_start)
+        return StepForms(
+            residual=ufl.replace(residual, in_step),
+            tangent=ufl.replace(tangent, in_step),
+            energy=ufl.replace(energy, at_start),
+            change=Change(term.varying, before, (1 - at.α) * by_end + at.α * by_start),
+        )
 
 
 @dataclass(frozen=True, eq=False)

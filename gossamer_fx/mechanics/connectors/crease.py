@@ -18,7 +18,7 @@ from gossamer_fx.core.forms.backend import cell_nodes, geometry_element, geometr
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.plate import Plate
 from gossamer_fx.mechanics.connectors.crease_energies import CreaseEnergy
@@ -41,7 +41,7 @@ _GAUSS = {1: ([0.5], [1.0]), 2: ([0.5 - 12**-0.5, 0.5 + 12**-0.5], [0.5, 0.5])}
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Crease:
+class Crease(OnBody):
     """A fold along edges of a film: the moment m = k (θ - θr) per length about the fold.
 
     θ is the angle between the panels, zero where they continue each other, and measured at each
@@ -143,9 +143,6 @@ class Crease:
             "so that the sign of the fold is not defined; "
             "turn the triangles of one side (gmsh: model.mesh.reverse).",
         )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         yield self.energy

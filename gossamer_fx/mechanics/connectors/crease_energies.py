@@ -453,8 +453,7 @@ class _Points:
         rest angle at its start."""
         angle = self._end(self.vectors(q)) - self.rest
         if key == "stiffness":
-            energy: Array = self._k * angle**2 / (2 * stiffness)
-            return energy
+            return self._k * angle**2 / (2 * stiffness)
         return -self._k * angle
 
     def set_number(self, i: int, key: str, before: float, now: float) -> None:

@@ -166,13 +166,15 @@ def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
     return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
 
 
+@dataclass(frozen=True, eq=False)
 class LengthConnector(Between):
     """A stiffness between two points: ψ of `LengthSpring`, by `side` in both directions or one."""
 
     a: Attached
     b: Attached
-    stiffness: float
-    length: float
+    _: KW_ONLY
+    stiffness: Stiffness
+    length: Length
 
     # As `LengthSpring.side`.
     side = 0
@@ -184,7 +186,7 @@ class LengthConnector(Between):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Spring(LengthConnector, LineBetween):
     """A linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
 
@@ -207,16 +209,12 @@ class Spring(LengthConnector, LineBetween):
         array([[ 0. ,  0. , -1.1]])
     """
 
-    a: Attached
-    b: Attached
-    _: KW_ONLY
-    stiffness: Stiffness
     length: LengthOrZero
     name: str = "spring"
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Rope(LengthConnector, LineBetween):
     """A rope without mass: it holds two points within its length.
 
@@ -239,11 +237,6 @@ class Rope(LengthConnector, LineBetween):
         1.0
     """
 
-    a: Attached
-    b: Attached
-    _: KW_ONLY
-    stiffness: Stiffness
-    length: Length
     damping: DampingOrZero = 0.0
     name: str = "rope"
 
@@ -261,7 +254,7 @@ class Rope(LengthConnector, LineBetween):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Stop(LengthConnector):
     """Keeps two points from coming nearer than a length: the force is k (L - l) below it, else
     zero.
@@ -285,11 +278,6 @@ class Stop(LengthConnector):
         'stop'
     """
 
-    a: Attached
-    b: Attached
-    _: KW_ONLY
-    stiffness: Stiffness
-    length: Length
     name: str = "stop"
 
     side = -1

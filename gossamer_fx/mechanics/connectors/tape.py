@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from itertools import pairwise
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 from mpi4py import MPI
@@ -17,13 +17,13 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import Array, Attached, Port, combine
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.spring import Quadratic
+from gossamer_fx.mechanics.terms.discrete_gradient import PointDensity
 from gossamer_fx.mechanics.terms.point_energies import (
     AttachedKineticEnergy,
-    PointDensity,
     PointStoredEnergy,
     one_sided_average,
     one_sided_energy,
@@ -45,7 +45,7 @@ class OneSided:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Tape:
+class Tape(OnBody):
     """Bars along a line of a film, each between two points of it that move with the film.
 
     Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges`
@@ -193,9 +193,6 @@ class Tape:
             f"Tape '{self.name}' has {len(self.bars)} bars and lengths of shape {lengths.shape}; "
             "give one each.",
         )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:

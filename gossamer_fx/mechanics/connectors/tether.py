@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,7 +26,7 @@ from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, PointM
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, check_positive
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.core.model.body import Array, Attached, Port
+from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import LineBetween
@@ -45,7 +45,7 @@ ROUND_OFF = 1e-9
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Tether(LineBetween):
     """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L,
     else none.
@@ -77,9 +77,6 @@ class Tether(LineBetween):
         ... )
     """
 
-    a: Attached
-    b: Attached
-    _: KW_ONLY
     stiffness: Stiffness
     length: float | Callable[[float], float]
     brake_force: float | None = None
@@ -306,8 +303,7 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,)
         [m]; zero without a brake, as there is no room."""
         stretch = l1 - self._next_length
-        slip: Array = np.clip(stretch - self._yield_stretch, 0.0, self._room())
-        return slip
+        return np.clip(stretch - self._yield_stretch, 0.0, self._room())
 
     def _pull(self, y: Array) -> Array:
         """Tensions (n,) [N] at the stretches y (n,) [m] from the natural lengths at the start of

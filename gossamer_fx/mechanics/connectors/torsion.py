@@ -191,11 +191,13 @@ class AngularDamper:
         return stress(self.c / h * Δφ, self.c / h + 0 * φ0, φ0, Δφ, e1)
 
 
+@dataclass(frozen=True, eq=False)
 class AboutHinge(Between):
     """What acts between two frames, about the axis of their hinge."""
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
 
     def __post_init__(self) -> None:
@@ -209,7 +211,7 @@ class AboutHinge(Between):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TorsionSpring(AboutHinge):
     """A torsional spring about the axis of a hinge: the moment is -k φ.
 
@@ -237,10 +239,6 @@ class TorsionSpring(AboutHinge):
         {'torsion spring': 0.25}
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     stiffness: Annotated[float, positive("N m/rad")]
     rest_angle: float = 0.0
     name: str = "torsion spring"
@@ -266,7 +264,7 @@ class TorsionSpring(AboutHinge):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TabulatedTorsion(AboutHinge):
     """A torsional spring about the axis of a hinge by a table of moments, e.g. those of a tape
     spring.
@@ -305,10 +303,6 @@ class TabulatedTorsion(AboutHinge):
         0.365
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     angle: Sequence[float] | Array
     moment: Sequence[float] | Array
     rest_angle: float = 0.0
@@ -341,7 +335,7 @@ class TabulatedTorsion(AboutHinge):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TorsionDamper(AboutHinge):
     """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss counts as
     dissipated.
@@ -363,10 +357,6 @@ class TorsionDamper(AboutHinge):
         0.1
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     damping: Annotated[float, positive("N m s/rad")]
     name: str = "torsion damper"
 
@@ -377,7 +367,7 @@ class TorsionDamper(AboutHinge):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TorsionStop(AboutHinge):
     """End stops of a hinge: an elastic moment k x against the angle x beyond either limit.
 
@@ -406,10 +396,6 @@ class TorsionStop(AboutHinge):
         'torsion stop'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     stiffness: Annotated[float, positive("N m/rad")]
     limits: tuple[float, float]
     name: str = "torsion stop"

@@ -7,26 +7,27 @@ time; the work of that counts as supplied.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import ufl
-from dolfinx import fem, la
-from dolfinx.mesh import meshtags
-from petsc4py import PETSc
+from dolfinx import fem
 
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.bending import EDGE_DEGREE
-from gossamer_fx.core.forms.compilation import compile_form, constant
+from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector, unit
+from gossamer_fx.core.model.body import Array, MeshBody, Vector, unit
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.membrane import edge_measure
 from gossamer_fx.mechanics.bodies.plate import Plate
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import Compiler
+from gossamer_fx.mechanics.terms.coordinates import Coordinates
+from gossamer_fx.mechanics.terms.energies_in_time import Change, EnergiesInTime, StepForms, Varying
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
 
 # Smallest sine of the angle between a clamped edge and the direction of the plate across it: 6
@@ -176,15 +177,8 @@ class EdgeRotation:
 
     def _measure(self) -> ufl.Measure:
         """The measure over the lengths [m] of the clamped edge, for UFL forms."""
-        domain = self.plate.mesh.domain
-        # Integrals over edges need the triangles next to them.
-        domain.topology.create_connectivity(1, 2)
         edges = self.plate.mesh.curve(self.edges, "Fixed")
-        tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
-        ds = ufl.Measure(
-            "ds", domain, subdomain_data=tags, metadata={"quadrature_degree": EDGE_DEGREE}
-        )
-        return ds(1)
+        return edge_measure(self.plate, "ds", edges, EDGE_DEGREE)
 
     def _slope(self, coordinates: Array) -> Expr:
         """The slope (3,) along the outer conormal of the edge, of coordinates of this rank's nodes.
@@ -199,7 +193,7 @@ def _three(vector: list[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in vector)
 
 
-class MovingEnergies(CompiledTerms["MovingEnergy"]):
+class MovingEnergies(EnergiesInTime["MovingEnergy"]):
     """All `MovingEnergy` terms of a scene.
 
     With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q_mid; what changes the
@@ -207,75 +201,24 @@ class MovingEnergies(CompiledTerms["MovingEnergy"]):
     exactly.
     """
 
-    def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
-        self._system = system
-        self._compiled = []
+    def _step_forms(self, term: MovingEnergy, at: Coordinates) -> StepForms:
+        before = fem.Function(term.space)
+        after = fem.Function(term.space)
         # Where forces act at the end, so does the matrix; else it is the mean of both ends.
-        at_end = system.rule.acts_at_end
-        for term in terms:
-            # The symbols of a step: coordinates q0 at its start, q1 at its end and mid = (1 - α) q0
-            # + α q1, where the forces act; test function w and trial function dq.
-            at = system.coordinates[term.body]
-            before = fem.Function(term.space)
-            after = fem.Function(term.space)
-            share = constant(term.body.space.mesh, 1.0 if at_end else 0.5)
-            ends = (after,) if at_end else (before, after)
-            residual = sum(share * term.form(at.mid, at.w, d) for d in ends)
-            tangent = sum(at.α * share * term.form(at.dq, at.w, d) for d in ends)
-            # With the matrix K of a, a(d; q, q) = q·K q.  The sum of q·(K1 - K0) q at both ends of
-            # the step is four times the supplied work; `energy` is twice the stored energy.
-            energy = term.form(at.q0, at.q0, before)
-            change_at_start = term.form(at.q0, at.q0, after) - energy
-            change_at_end = term.form(at.q1, at.q1, after) - term.form(at.q1, at.q1, before)
-            compiled = _Compiled(
-                term=term,
-                before=before,
-                after=after,
-                force=la.vector(term.body.block.index_map, term.body.block.size),
-                residual=compile_form(residual),
-                tangent=compile_form(tangent),
-                work=compile_form(change_at_start + change_at_end),
-                energy=compile_form(energy),
-            )
-            self._compiled.append(compiled)
-
-    def begin_step(self, t: float) -> None:
-        # The end of the step, not the time t of its forces.
-        self.take_time(self._system.time + self._system.h)
-
-    def take_time(self, t: float) -> None:
-        """Set the functions d at the end of the step, t [s]."""
-        for c in self._compiled:
-            c.term.set(c.after, t)
-
-    def commit(self) -> None:
-        # Copied, not evaluated again: a user's function may be expensive.
-        for c in self._compiled:
-            c.before.x.array[:] = c.after.x.array
-
-    def add_forces(self, r: PETSc.Vec) -> None:
-        for c in self._compiled:
-            c.force.array[:] = 0
-            fem.assemble_vector(c.force.array, c.residual)
-            c.force.scatter_reverse(la.InsertMode.add)
-            owned = self._system.block(c.term.body).owned
-            with r as values:
-                values[owned] += c.force.array[: owned.stop - owned.start]
-
-    def tangent_forms(self, body: Body) -> list[fem.Form]:
-        return [c.tangent for c in self._compiled if c.term.body is body]
-
-    def supplied(self) -> float:
-        """Work [J] of what changes the forms in the step, this rank's share."""
-        return sum(float(fem.assemble_scalar(c.work)) / 4 for c in self._compiled)
-
-    def energies(self) -> dict[str, float]:
-        # The clamps of a plate have one name, and that of its bending.
-        found: dict[str, float] = {}
-        for c in self._compiled:
-            energy = float(fem.assemble_scalar(c.energy)) / 2
-            found[c.term.name] = found.get(c.term.name, 0.0) + energy
-        return found
+        at_end = self._system.rule.acts_at_end
+        share = constant(term.body.space.mesh, 1.0 if at_end else 0.5)
+        ends = (after,) if at_end else (before, after)
+        # With the matrix K of a, a(d; q, q) = q·K q, twice the stored energy.
+        at_start = term.form(at.q0, at.q0, before)
+        change_at_start = term.form(at.q0, at.q0, after) - at_start
+        change_at_end = term.form(at.q1, at.q1, after) - term.form(at.q1, at.q1, before)
+        work = 0.25 * (change_at_start + change_at_end)
+        return StepForms(
+            residual=sum(share * term.form(at.mid, at.w, d) for d in ends),
+            tangent=sum(at.α * share * term.form(at.dq, at.w, d) for d in ends),
+            energy=0.5 * at_start,
+            change=Change(Varying(after, term.set), before, work),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,19 +236,3 @@ class MovingEnergy:
     space: fem.FunctionSpace
     set: Callable[[fem.Function, float], None]
     compiler: ClassVar[Compiler] = MovingEnergies
-
-
-@dataclass(frozen=True, eq=False)
-class _Compiled:
-    """A term with its compiled forms: before and after are d at the start and at the end of the
-    step, `work` is four times the work [J] that the change of d supplies, and `energy` is a(d; q,
-    q) [J] at the start of the step, twice the stored energy."""
-
-    term: MovingEnergy
-    before: fem.Function
-    after: fem.Function
-    force: la.Vector
-    residual: fem.Form
-    tangent: fem.Form
-    work: fem.Form
-    energy: fem.Form

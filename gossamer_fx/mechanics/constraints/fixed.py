@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.checks.user_functions import ask_numbers, ask_points
 from gossamer_fx.core.model.body import Array, Indices, Port, Vector, unit
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.mechanics.terms.supports import Support
@@ -30,7 +30,7 @@ ALL_COMPONENTS = (0, 1, 2)
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Fixed:
+class Fixed(OnBody):
     """A support: positions of the nodes of a group, and rotations if asked, are fixed or
     prescribed.
 
@@ -164,9 +164,6 @@ class Fixed:
                 "but a clamped section of a beam has all of its coordinates fixed; "
                 "leave them out.",
             )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """Fixed coordinates, constraints for a normal direction, and energies that clamp the edge
@@ -348,7 +345,7 @@ def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indice
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Driven:
+class Driven(OnBody):
     """A rigid body whose position is fixed and that turns about an axis as prescribed, as a hub on
     a motor.
 
@@ -381,9 +378,6 @@ class Driven:
             any(self.axis),
             f"Driven '{self.name}': axis is {self.axis!r}; give three numbers, not all zero.",
         )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         body = self.body

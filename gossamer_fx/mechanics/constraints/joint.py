@@ -49,17 +49,6 @@ from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 COINCIDE = 1e-8
 
 
-def check_coincide(name: str, a: Attached, b: Attached, start: State) -> None:
-    """Check that the two points of a joint coincide in the initial state, within `COINCIDE` of the
-    extent of the scene.  Collective."""
-    distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
-    check(
-        distance <= COINCIDE * start.extent(),
-        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; "
-        "let them coincide.",
-    )
-
-
 def product(name: str, u: Attached, v: Attached) -> PointConstraint:
     """The constraint u·v = 0 of two vectors u and v (3,), each of a body or of the ground."""
     # ½ (u, v)·H (u, v) = u·v
@@ -75,6 +64,18 @@ def coincidence(name: str, *pairs: tuple[Attached, Attached]) -> PointConstraint
     difference = np.hstack([np.eye(3), -np.eye(3)])
     measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))
     return PointConstraint(name, measure)
+
+
+def one_point(name: str, a: Attached, b: Attached, start: State) -> PointConstraint:
+    """The constraint that the two points of a joint coincide, as they have to at the start, within
+    `COINCIDE` of the extent of the scene: `InputError`.  Collective."""
+    distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
+    check(
+        distance <= COINCIDE * start.extent(),
+        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; "
+        "let them coincide.",
+    )
+    return coincidence(name, (a, b))
 
 
 def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[PointConstraint]:
@@ -170,8 +171,7 @@ class BallJoint(Between):
     name: str = "ball"
 
     def terms(self, start: State) -> Iterable[Term]:
-        check_coincide(self.name, self.a, self.b, start)
-        yield coincidence(self.name, (self.a, self.b))
+        yield one_point(self.name, self.a, self.b, start)
 
 
 @check_arguments
@@ -225,7 +225,7 @@ class Link(Between):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FixedJoint(FrameJoint):
     """The relative position and rotation of two frames are constant: a weld.
 
@@ -242,9 +242,6 @@ class FixedJoint(FrameJoint):
         'fixed'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
     name: str = "fixed"
 
     @cached_property
@@ -252,11 +249,11 @@ class FixedJoint(FrameJoint):
         return self.a if len(self.b.directors) == 3 else self.a.complete, self.b
 
     def terms(self, start: State) -> Iterable[Term]:
-        check_coincide(self.name, self.a.origin, self.b.origin, start)
-        yield coincidence(self.name, (self.a.origin, self.b.origin))
+        yield one_point(self.name, self.a.origin, self.b.origin, start)
         yield from same_rotation(self.name, *self._sides, start)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class AxisJoint(FrameJoint):
     """Frames that share an axis, a direction in space at the start."""
 
@@ -268,7 +265,7 @@ class AxisJoint(FrameJoint):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RevoluteJoint(AxisJoint):
     """Two frames share a point and an axis: a hinge.
 
@@ -287,10 +284,6 @@ class RevoluteJoint(AxisJoint):
         'revolute'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     name: str = "revolute"
 
     @cached_property
@@ -304,14 +297,13 @@ class RevoluteJoint(AxisJoint):
         return full.complete, other.complete
 
     def terms(self, start: State) -> Iterable[Term]:
-        check_coincide(self.name, self.a.origin, self.b.origin, start)
-        yield coincidence(self.name, (self.a.origin, self.b.origin))
+        yield one_point(self.name, self.a.origin, self.b.origin, start)
         n = axis_at(self.axis, self._sides, start)
         yield from same_axis(self.name, n, *self._sides, start)
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class UniversalJoint(FrameJoint):
     """Two frames share a point, and an axis of each stays normal to one of the other: a cross.
 
@@ -331,9 +323,6 @@ class UniversalJoint(FrameJoint):
         'universal'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
     axis_a: Vector
     axis_b: Vector
     name: str = "universal"
@@ -354,8 +343,7 @@ class UniversalJoint(FrameJoint):
         return a, b
 
     def terms(self, start: State) -> Iterable[Term]:
-        check_coincide(self.name, self.a.origin, self.b.origin, start)
-        yield coincidence(self.name, (self.a.origin, self.b.origin))
+        yield one_point(self.name, self.a.origin, self.b.origin, start)
         a, b = self._sides
         # Carried by the bodies since they were made, as they may start turned.
         n = along(unit(self.axis_a), a)
@@ -364,7 +352,7 @@ class UniversalJoint(FrameJoint):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PrismaticJoint(AxisJoint):
     """Two frames slide along an axis, which `a` carries, without relative rotation: a rail.
 
@@ -383,10 +371,6 @@ class PrismaticJoint(AxisJoint):
         'prismatic'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     name: str = "prismatic"
 
     @cached_property
@@ -403,7 +387,7 @@ class PrismaticJoint(AxisJoint):
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CylindricalJoint(AxisJoint):
     """Two frames slide along an axis, which `a` carries, and turn about it.
 
@@ -422,10 +406,6 @@ class CylindricalJoint(AxisJoint):
         'cylindrical'
     """
 
-    a: Frame
-    b: Frame
-    _: KW_ONLY
-    axis: Vector
     name: str = "cylindrical"
 
     @cached_property

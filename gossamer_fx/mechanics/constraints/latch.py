@@ -170,8 +170,7 @@ class Latch:
         """The constraint in the scene of a run; `InputError` if there is none."""
         terms = run.system.terms_of(self)
         check(bool(terms), f"Latch '{self.name}' is not in the scene of this run; add it.")
-        term: PointConstraint = terms[0]
-        return term
+        return terms[0]
 
     def _state(self, run: HasSystem) -> LatchState:
         """The history variables of the latch in the scene of a run."""

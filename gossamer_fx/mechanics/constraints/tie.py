@@ -28,7 +28,7 @@ Algorithm.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -36,7 +36,6 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -48,7 +47,6 @@ from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, aligned, edge_line
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.constraints.joint import COINCIDE, coincidence
-from gossamer_fx.mechanics.terms.point_constraints import Closing, PointConstraint
 
 # Distance of a point from the end of a segment, over the length of the segment, below which it
 # counts as the end, and depends on one node only.
@@ -336,14 +334,10 @@ class Seam:
     def terms(self, start: State) -> Iterable[Term]:
         """The constraint (1) of the module for each node of the finer edge and its point of the
         other one.  Collective."""
-        pairs = self._pairs(start)
-        difference = np.hstack([np.eye(3), -np.eye(3)])
-        measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))
-        closing = None
-        if self.closing is not None:
-            closing = Closing(self.openness)
+        closing = None if self.closing is None else self.openness
         # Where seams meet, their constraints repeat each other; that is meant.
-        yield PointConstraint(self.name, measure, closing=closing, may_repeat=True)
+        joined = coincidence(self.name, *self._pairs(start))
+        yield replace(joined, closing=closing, may_repeat=True)
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
         """Nodes of the edge with more nodes, each with its point of the other edge by the fraction

@@ -13,7 +13,7 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
     friction/        Coulomb friction of the active pairs
     assembly         blocks of the tangent
     step_forces      forces and tangents of the active pairs of a step
-    contact_set      one contact in a step, which calls the stages; `compiled` adds what gradients
+    contact_set      one contact in a step, which calls the stages; `contact` adds what gradients
                      and outputs ask
     contact_gradient derivatives of forces and energy, for gradients of runs and equilibria
     pair_table       the table of pairs that the stages hand on, one row a pair

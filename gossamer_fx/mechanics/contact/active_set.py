@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_violations
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, approach_bounds
@@ -281,8 +281,3 @@ class StepDistances:
         is_missing = (self.end.gap < NEAR_AT_END * activation_distance) & left_out
         is_missing[self.violations(activation_distance, among=left_out)] = True
         return is_missing
-
-
-def between_bodies(points: Int32Array, body_point_count: int) -> MaskArray:
-    """Return which pairs (n,) with points (n, 4) have points of bodies only."""
-    return np.asarray((points < body_point_count).all(axis=1))

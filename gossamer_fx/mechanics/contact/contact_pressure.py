@@ -68,5 +68,4 @@ def pressures(contact_set: ContactSet) -> Array:
     of_bodies = force[: points.body_count]
     # Any rank may have pairs at a point.
     contact_set.mesh.shared.take_sum(of_bodies)
-    pressure: Array = of_bodies / contact_set.mesh.area[: points.body_count]
-    return pressure
+    return of_bodies / contact_set.mesh.area[: points.body_count]

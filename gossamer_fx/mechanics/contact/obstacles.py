@@ -107,7 +107,11 @@ class Obstacle:
         where a kind has an attribute of this name."""
         owner = f"{type(self).__name__} '{self.name}'"
         if self.friction is not None:
-            check_friction(owner, self.friction)
+            check(
+                math.isfinite(self.friction) and self.friction >= 0,
+                f"{owner}: friction is {self.friction!r}; "
+                "give zero, or a positive ratio of forces.",
+            )
         check(
             self.body is None or self.motion is None,
             f"{owner}: a part of a rigid body moves with that body; leave out one of 'body' and "
@@ -182,22 +186,13 @@ class Obstacle:
         return along(direction, self.body.frame())
 
 
-def check_friction(owner: str, friction: float) -> None:
-    """Raise `InputError` unless a coefficient of friction is zero or positive."""
-    check(
-        math.isfinite(friction) and friction >= 0,
-        f"{owner}: friction is {friction!r}; give zero, or a positive ratio of forces.",
-    )
-
-
 def unit_vector(vector: Vector | Array, owner: str) -> Array:
     """Return the direction (3,) of a vector, of length one.  `owner` is named in the `InputError`
     about a vector of length zero."""
     direction = np.asarray(vector, dtype=float)
     length = np.linalg.norm(direction)
     check(bool(length > 0), f"{owner} has no length; give a direction.")
-    unit: Array = direction / length
-    return unit
+    return direction / length
 
 
 @check_arguments
@@ -357,21 +352,20 @@ class Box(Obstacle):
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
         """Return for a box a solid of 8 corners, 12 edges and 12 triangles, two on each face, for a
         room (`inside`) six boundaries."""
-        axes = np.asarray(self.axes, dtype=float)
-        centre = np.asarray(self.centre, dtype=float)
-        half = np.asarray(self.sizes, dtype=float) / 2
         if self.inside:
-            return self._boundaries(axes, centre, half), []
-        # The bits of a corner's number are the signs of its coordinates; z is the lowest bit.
-        corners = [centre + (np.array(signs) * half) @ axes for signs in product((-1, 1), repeat=3)]
-        points = tuple(self._at(corner) for corner in corners)
+            return self._boundaries(), []
+        points = tuple(self._at(corner) for corner in self._corners())
         return [], [ObstacleSolid(points, BOX_EDGES, _triangles_of_box())]
 
-    def picture(self, near: Array) -> DrawnSurface:
-        axes = np.asarray(self.axes, dtype=float)
-        half = np.asarray(self.sizes, dtype=float) / 2
+    def _corners(self) -> Array:
+        """The corners (8, 3) [m]: the bits of a corner's number are the signs of its coordinates; z
+        is the lowest bit."""
         signs = np.array(list(product((-1, 1), repeat=3)))
-        corners = np.asarray(self.centre, dtype=float) + signs * half @ axes
+        from_centre = signs * np.asarray(self.sizes, dtype=float) / 2
+        return np.asarray(self.centre, dtype=float) + from_centre @ np.asarray(self.axes, float)
+
+    def picture(self, near: Array) -> DrawnSurface:
+        corners = self._corners()
         faces = () if self.inside else _triangles_of_box()
         triangles = np.array(faces, dtype=np.int32).reshape(-1, 3)
         # Seen from outside their corners run counterclockwise, as those of all drawn surfaces.
@@ -380,10 +374,11 @@ class Box(Obstacle):
         triangles[is_inwards] = triangles[is_inwards, ::-1]
         return corners, triangles, np.array(BOX_EDGES, dtype=np.int32)
 
-    def _boundaries(self, axes: Array, centre: Array, half: Array) -> list[ObstacleBoundary]:
-        """Return the six planes around a room, with normals towards its middle. `axes`: unit
-        directions of the edges, orthonormal rows (3, 3); `centre`: of the box, (3,) [m]; `half`:
-        half of its sizes along the axes, (3,) [m]."""
+    def _boundaries(self) -> list[ObstacleBoundary]:
+        """Return the six planes around a room, with normals towards its middle."""
+        axes = np.asarray(self.axes, dtype=float)
+        centre = np.asarray(self.centre, dtype=float)
+        half = np.asarray(self.sizes, dtype=float) / 2
         boundaries = []
         for k in range(3):
             for sign in (-1, 1):

@@ -10,7 +10,7 @@ of the energy.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -20,8 +20,21 @@ from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.stencils import SIDES, STENCILS
 
 
+class PairRows:
+    """Base of dataclasses whose fields are arrays with a row for each of n pairs."""
+
+    def rows(self, which: Any) -> Self:
+        """Return a table of some rows, given by indices or by a mask (n,)."""
+        columns: dict[str, Any] = {}
+        for column in fields(cast(Any, self)):
+            values = getattr(self, column.name)
+            # Columns that are not computed yet stay so.
+            columns[column.name] = None if values is None else values[which]
+        return type(self)(**columns)
+
+
 @dataclass
-class PairTable:
+class PairTable(PairRows):
     """n pairs of this rank: what their distances need.
 
     Attributes:
@@ -36,15 +49,6 @@ class PairTable:
 
     def __len__(self) -> int:
         return len(self.kind)
-
-    def rows(self, which: Any) -> Self:
-        """Return a table of some rows, given by indices or by a mask (n,)."""
-        columns: dict[str, Any] = {}
-        for column in fields(self):
-            values = getattr(self, column.name)
-            # Columns that are not computed yet stay so.
-            columns[column.name] = None if values is None else values[which]
-        return type(self)(**columns)
 
     def followed_by(self, other: Self) -> Self:
         """Return a table of these rows and those of another one that has the same columns."""

@@ -62,8 +62,7 @@ class PairStencil:
 
     def distance(self, s: Array) -> Array:
         """Return the distance (n,) [m] of both sides without radii; in rooms it is negative."""
-        length: Array = np.sqrt(np.maximum(s, 0))
-        return length
+        return np.sqrt(np.maximum(s, 0))
 
     def gap(self, s: Array, radius: Array, shape: Array) -> Array:
         """Return the distance (n,) [m] less the radii of both sides."""
@@ -290,5 +289,4 @@ def parameter_derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> Array
 def lengths_of(vectors: Array) -> Array:
     """Return the lengths (...) of vectors (..., k). Of complex vectors it is the analytic function
     of them, and not the norm: a complex step differentiates it."""
-    length: Array = np.sqrt((vectors * vectors).sum(axis=-1))
-    return length
+    return np.sqrt((vectors * vectors).sum(axis=-1))

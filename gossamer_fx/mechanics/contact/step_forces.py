@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.mechanics.contact.active_set import between_bodies
 from gossamer_fx.mechanics.contact.assembly import BlockAssembly
 from gossamer_fx.mechanics.contact.contract import (
     Array,
@@ -102,7 +101,7 @@ class StepForces:
         Pairs between bodies couple their four points.  Points of obstacles are combinations of
         block rows, vectors of three unknowns, which are coupled instead.
         """
-        is_of_bodies = between_bodies(pairs.points, self._points.body_count)
+        is_of_bodies = np.asarray((pairs.points < self._points.body_count).all(axis=1))
         self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
         self._obstacle_pairs = pairs.rows(~is_of_bodies)

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import check, real_numbers
 from gossamer_fx.core.model.body import Array, Port, Vector, combine, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
@@ -39,8 +39,7 @@ def position_gradient(vectors: Array, reference: Array) -> Array:
     """
     weights, in_plane, normal = _weights(reference)
     if normal is None:
-        F: Array = vectors.T @ weights
-        return F
+        return vectors.T @ weights
     images = vectors.T @ weights
     image_of_normal = unit(np.cross(images[:, 0], images[:, 1]))
     F = images @ in_plane.T + np.outer(image_of_normal, normal)
@@ -395,11 +394,8 @@ def wrapped(angles: Array) -> Array:
 
 def _three_by_three(axes: object) -> Array:
     """The argument as a matrix (3, 3); zeros, which no check accepts, if it is not one."""
-    try:
-        matrix = np.asarray(axes, dtype=float)
-    except (TypeError, ValueError):
-        return np.zeros((3, 3))
-    if matrix.shape != (3, 3):
+    matrix = real_numbers(axes)
+    if matrix is None or matrix.shape != (3, 3):
         return np.zeros((3, 3))
     return matrix
 

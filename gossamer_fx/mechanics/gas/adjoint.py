@@ -89,7 +89,6 @@ class SolvedGas(Protocol):
 
     def exchange_ends(self) -> None:
         """Evaluate the geometry in the reversed step."""
-        ...
 
 
 @dataclass

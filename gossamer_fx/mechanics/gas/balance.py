@@ -243,8 +243,7 @@ class Balance:
 
     def work(self, y: Array, V: Array, W: Array) -> Array:
         """Work p̄ W [J] of each chamber (n,) on what encloses it, see `residual`."""
-        work: Array = (self._p0 + y[: self._n]) / 2 * W
-        return work
+        return (self._p0 + y[: self._n]) / 2 * W
 
     def rates(self, y: Array, V: Array) -> Rates:
         """Return mass and energy flows into the chambers, and from boundaries and walls.  What one

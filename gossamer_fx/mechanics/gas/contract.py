@@ -41,43 +41,34 @@ class Gas(Protocol):
     @property
     def name(self) -> str:
         """Name in messages and outputs."""
-        ...
 
     @property
     def R(self) -> Number:
         """Specific gas constant [J/(kg K)]."""
-        ...
 
     @property
     def species(self) -> tuple[Gas, ...]:
         """The pure gases that it consists of; of a pure gas the gas itself."""
-        ...
 
     @property
     def fractions(self) -> Sequence[Number]:
         """Mass fractions of the species; their sum is one."""
-        ...
 
     @property
     def constant_heat_ratio(self) -> float | None:
         """γ = c_p/c_v if it is the same at all temperatures, so that U = p V/(γ - 1)."""
-        ...
 
     def heat_ratio(self, T: Number) -> Number:
         """γ = c_p/c_v at a temperature."""
-        ...
 
     def heat_capacity(self, T: Number) -> Number:
         """c_v [J/(kg K)]."""
-        ...
 
     def energy(self, T: Number) -> Number:
         """u [J/kg], positive, with du/dT = c_v."""
-        ...
 
     def enthalpy(self, T: Number) -> Number:
         """u + R T [J/kg]."""
-        ...
 
 
 # The gases at the ends a and b of an opening
@@ -95,22 +86,18 @@ class Holder(Protocol):
     @property
     def name(self) -> str:
         """Name in messages."""
-        ...
 
     @property
     def pressure(self) -> float:
         """Absolute pressure [Pa]."""
-        ...
 
     @property
     def temperature(self) -> float:
         """Temperature [K]."""
-        ...
 
     @property
     def gas(self) -> Gas | None:
         """The gas that it supplies; None for the gas of the scene, if that has one species."""
-        ...
 
 
 @runtime_checkable
@@ -123,37 +110,30 @@ class Volume(Protocol):
     @property
     def name(self) -> str:
         """Name in messages, outputs and `run.chamber`."""
-        ...
 
     @property
     def initial_pressure(self) -> float:
         """Absolute pressure at the start [Pa]."""
-        ...
 
     @property
     def initial_temperature(self) -> float:
         """Temperature at the start [K]."""
-        ...
 
     @property
     def gas(self) -> Gas:
         """The gas or mixture at the start."""
-        ...
 
     @property
     def fixed_volume(self) -> float:
         """Rigid part of the volume [m³], added to that of the enclosure."""
-        ...
 
     @property
     def enclosure(self) -> Enclosure | None:
         """The film or piston that bounds the volume; None for a rigid one."""
-        ...
 
     @property
     def outside(self) -> Holder | None:
         """What acts on the outer side of the enclosure; None for a vacuum."""
-        ...
 
 
 @runtime_checkable
@@ -166,22 +146,18 @@ class Opening(Protocol):
     @property
     def name(self) -> str:
         """Name in messages."""
-        ...
 
     @property
     def a(self) -> Holder | Volume:
         """The end from which a positive flow comes."""
-        ...
 
     @property
     def b(self) -> Holder | Volume:
         """The end to which a positive flow goes."""
-        ...
 
     def aperture(self, geometry: Geometry) -> Aperture:
         """The effective area C_d A [m²] in a running scene, as a function of step length and time.
         An opening without an area returns its scale instead, which `flow` gets as `area`."""
-        ...
 
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
@@ -197,7 +173,6 @@ class Opening(Protocol):
             p: pressures [Pa] of the ends a and b.
             T: temperatures [K] of the ends a and b.
         """
-        ...
 
 
 @runtime_checkable
@@ -208,11 +183,9 @@ class Switch(Opening, Protocol):
     @property
     def starts_open(self) -> bool:
         """Whether it is open at the start of a run."""
-        ...
 
     def is_open(self, was_open: bool, p: tuple[float, float]) -> bool:
         """Whether it is open in the coming step; p [Pa] are the pressures of the ends a and b."""
-        ...
 
 
 @runtime_checkable
@@ -231,7 +204,6 @@ class Discharge(Opening, Protocol):
     @property
     def area(self) -> object:
         """A number [m²], a function of time [s], a `ring.Ring` or a `film_area.FilmArea`."""
-        ...
 
 
 @runtime_checkable
@@ -242,7 +214,6 @@ class IsentropicOpening(Opening, Protocol):
     def isentropic_range(self) -> float | None:
         """The argument `laminar` of `isentropic_flow`, if that is its flow; None for another
         law."""
-        ...
 
 
 @runtime_checkable
@@ -253,22 +224,18 @@ class Wall(Protocol):
     @property
     def name(self) -> str:
         """Name in messages."""
-        ...
 
     @property
     def chamber(self) -> Volume:
         """The volume that the wall heats or cools."""
-        ...
 
     @property
     def temperature(self) -> object:
         """Temperature of the wall [K], a number or a function of the run."""
-        ...
 
     def compile(self, geometry: Geometry) -> WallState:
         """Temperature and conductance (heat transfer coefficient times area) of the wall in a
         running scene, as a function of the step.  Collective, as is that function."""
-        ...
 
 
 @dataclass(repr=False)

@@ -33,8 +33,9 @@ from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.quality import area_vectors
-from gossamer_fx.core.model.body import Array, Port, has_nodal_unknowns, unit
+from gossamer_fx.core.model.body import Array, Port, unit
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.film_area import named_triangles
 from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Side, Triangles
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
@@ -55,19 +56,16 @@ class CompiledEnclosure(Protocol):
     def pressure(self) -> Array:
         """The pressure (1,) [Pa] of the iterate, written by the network; forces and tangents use
         it."""
-        ...
 
     @property
     def measures(self) -> Array:
         """Three volumes [m³], the same on every rank: V(q1); the sum of the sizes of the terms that
         add up to it, by which round-off is judged; and W = G(q_mid)·(q1 - q0), or V(q1) - V(q0) if
         forces act at the end of the step."""
-        ...
 
     def start(self) -> None:
         """Take q1 as the initial state, e.g. to find the sign of the normals; the geometry is
         evaluated again afterwards."""
-        ...
 
     # G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only, until the next `Geometry.follow`.
 
@@ -89,25 +87,20 @@ class Enclosure(Protocol):
     def films(self) -> Sequence[Membrane]:
         """The films that bound the chamber, on which outputs show the pressure; none for a
         piston."""
-        ...
 
     @property
     def whole_films(self) -> Sequence[Membrane]:
         """Films of which all triangles bound the chamber, so that no second chamber may use
         them."""
-        ...
 
     def cells(self, film: Membrane) -> np.ndarray:
         """Local triangles (owned and ghost) of one of its films that bound the chamber."""
-        ...
 
     def requires(self) -> Iterable[Any]:
         """The bodies that join the scene with the chamber."""
-        ...
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
         """The enclosure in a running scene; `geometry` has what several enclosures share."""
-        ...
 
 
 class FilmEnclosure:
@@ -195,12 +188,12 @@ class FilmEnclosure:
         end_vertices = table.ends[open_edges]
         signs = []
         for ring, loop in zip(self.rings, loops, strict=True):
-            passed = loop.direction(end_vertices)
+            passed = loop.line.directions(end_vertices)
             film_directions = passed * sum_of_directions[open_edges]
             own_sums = np.array([np.count_nonzero(passed), film_directions.sum()])
             found, film_direction = comm.allreduce(own_sums)
             check(
-                found == len(loop.vertices),
+                found == len(loop.line.nodes),
                 f"Chamber '{self.chamber}': "
                 f"its ring '{ring.edges}' is not a boundary of its surface; "
                 "give the groups of triangles on one side of it.",
@@ -226,29 +219,6 @@ class FilmEnclosure:
             "make or read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
         )
         return signs
-
-
-def named_triangles(film: Membrane, surface: tuple[str, ...], user: str) -> np.ndarray:
-    """Return the local triangles (n,) of named groups, owned and ghost, in rising order; of the
-    whole film if no group is named.  `InputError`: a group is not one of triangles."""
-    if not surface:
-        return all_triangles(film)
-    groups = [film.mesh.group(name) for name in surface]
-    check(
-        all(dim == 2 for dim, _ in groups),
-        f"{user}: its surface {surface} must be named groups of triangles.",
-    )
-    return np.unique(np.concatenate([cells for _, cells in groups]))
-
-
-def all_triangles(film: Membrane) -> np.ndarray:
-    """All local triangles of a film (owned and ghost).  `InputError`: it is a reduced film."""
-    check(
-        has_nodal_unknowns(film),
-        f"'{film.name}' is a reduced film, whose triangles are samples; gas needs the film itself.",
-    )
-    index_map = film.mesh.domain.topology.index_map(2)
-    return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
 
 
 class CompiledSurface:

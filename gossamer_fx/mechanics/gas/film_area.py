@@ -2,26 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, has_nodal_unknowns
+from gossamer_fx.core.model.terms import OnBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.enclosure import named_triangles
 from gossamer_fx.mechanics.terms.assembly import Assembly
+
+
+def named_triangles(film: Membrane, surface: tuple[str, ...], user: str) -> np.ndarray:
+    """Return the local triangles (n,) of named groups, owned and ghost, in rising order; of the
+    whole film if no group is named.  `InputError`: a group is not one of triangles."""
+    if not surface:
+        return all_triangles(film)
+    groups = [film.mesh.group(name) for name in surface]
+    check(
+        all(dim == 2 for dim, _ in groups),
+        f"{user}: its surface {surface} must be named groups of triangles.",
+    )
+    return np.unique(np.concatenate([cells for _, cells in groups]))
+
+
+def all_triangles(film: Membrane) -> np.ndarray:
+    """All local triangles of a film (owned and ghost).  `InputError`: it is a reduced film."""
+    check(
+        has_nodal_unknowns(film),
+        f"'{film.name}' is a reduced film, whose triangles are samples; gas needs the film itself.",
+    )
+    index_map = film.mesh.domain.topology.index_map(2)
+    return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class FilmArea:
+class FilmArea(OnBody):
     """The deformed area [m²] of a film as the `area` of an opening, half a step ahead of the known
     state like that of a `Ring`.
 
@@ -37,9 +60,6 @@ class FilmArea:
 
     body: Membrane
     surface: tuple[str, ...] = ()
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def compile(self, system: Assembly) -> CompiledFilmArea:
         """The area in a running scene.  Collective."""
@@ -86,6 +106,7 @@ class CompiledFilmArea:
         return vector.array[: self._owned.stop - self._owned.start].copy()
 
     def add_own(self, values: Array, gradient: Array) -> None:
+        """Add a gradient of `aperture_gradient` to this rank's part of a vector of the system."""
         values[self._owned] += gradient
 
     def _predict(self, h: float) -> None:

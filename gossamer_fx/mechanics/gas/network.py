@@ -53,7 +53,6 @@ from gossamer_fx.mechanics.gas.contract import (
     Volume,
     Wall,
 )
-from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
 from gossamer_fx.mechanics.gas.mixture import Contents
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
@@ -97,7 +96,9 @@ class GasNetwork(ScalarUnknowns):
         self.chambers = [
             ChamberState(
                 chamber=chamber,
-                enclosure=_compile_enclosure(chamber, system, self.geometry),
+                enclosure=None
+                if chamber.enclosure is None
+                else chamber.enclosure.compile(system, self.geometry),
                 species=tuple(self.contents.gases[row] for row in rows),
                 masses=np.zeros(len(rows)),
             )
@@ -556,15 +557,6 @@ def _check_chambers(chambers: list[Volume]) -> None:
                 "give each its surface, or leave one out.",
             )
             whole_films.append(film)
-
-
-def _compile_enclosure(
-    chamber: Volume, system: Assembly, geometry: Geometry
-) -> CompiledEnclosure | None:
-    """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies."""
-    if chamber.enclosure is None:
-        return None
-    return chamber.enclosure.compile(system, geometry)
 
 
 def _passages(

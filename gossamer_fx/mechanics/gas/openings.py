@@ -123,12 +123,9 @@ Area = float | Callable[[float], float] | Ring | FilmArea
 # C_d, the effective over the geometric area
 Coefficient = Annotated[float, Range(0.0, 1.0, above=True)]
 
-# Largest laminar range of an orifice: above a tenth of the upstream pressure the regularised law
-# would replace (3) in flows that are far from rest.
-MAX_LAMINAR = 0.1
-
-# Least laminar range: a part of the pressure that is well above its round-off.
-MIN_LAMINAR = 1e-12
+# Laminar range of an opening: at least a part of the pressure that is well above its round-off.  At
+# more than a tenth the regularised law would replace (3) in flows that are far from rest.
+Laminar = Annotated[float, Range(1e-12, 0.1)]
 
 
 def isentropic_flow(gas: Gas, pu: complex, Tu: complex, pd: complex, laminar: float) -> complex:
@@ -203,7 +200,7 @@ class Orifice(PassiveOpening):
     area: Area
     discharge_coefficient: Coefficient | LinearTable = 1.0
     # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
-    laminar: float = 1e-5
+    laminar: Laminar = 1e-5
     name: str = "orifice"
 
     def __post_init__(self) -> None:
@@ -215,10 +212,6 @@ class Orifice(PassiveOpening):
             or 0 <= self.area < math.inf,
             f"{what}: area is {self.area!r} m²; "
             "give a number ≥ 0, a function of time, a Ring or a FilmArea.",
-        )
-        check(
-            MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
-            f"{what}: laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
         )
         if isinstance(self.discharge_coefficient, LinearTable):
             self._check_table(what, self.discharge_coefficient)
@@ -504,7 +497,7 @@ class Pipe(PassiveOpening):
     diameter: Annotated[float, positive("m")]
     length: Annotated[float, positive("m")]
     friction: Annotated[float, positive("")]
-    laminar: Annotated[float, Range(MIN_LAMINAR, MAX_LAMINAR)] = 1e-5
+    laminar: Laminar = 1e-5
     name: str = "pipe"
 
     def aperture(self, geometry: Geometry) -> Aperture:

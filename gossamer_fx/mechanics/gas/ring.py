@@ -29,9 +29,8 @@ Cost: proportional to the number of edges; every rank knows all nodes of a ring.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import basix
 import numpy as np
@@ -41,48 +40,21 @@ from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.terms import OnBody
+from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, edge_line
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.patches import Patches, is_owned
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 Indices = npt.NDArray[np.int64]
 
-# Coordinates that differ by less than this share of the ring's extent count as equal when the first
-# vertex of a walk is chosen: far above round-off, far below the length of an edge.
-COORDINATE_TOLERANCE = 1e-9
-
 # The volume of (3) is linear across a strip in x and in w, and constant in x,r: degree 2 in r.
 QUADRATURE_DEGREE_ACROSS = 2
 
 
-class Edge(NamedTuple):
-    """An edge of a film in global numbers of its vertices and nodes; `middle_node` is -1 for films
-    of order 1.  `start` and `end` (3,) [m] are its ends on the mesh."""
-
-    first_vertex: int
-    last_vertex: int
-    first_node: int
-    last_node: int
-    middle_node: int
-    start: tuple[float, ...]
-    end: tuple[float, ...]
-
-    def reversed(self) -> Edge:
-        """Return the same edge of a film in the opposite direction: its two ends are exchanged."""
-        return Edge(
-            first_vertex=self.last_vertex,
-            last_vertex=self.first_vertex,
-            first_node=self.last_node,
-            last_node=self.first_node,
-            middle_node=self.middle_node,
-            start=self.end,
-            end=self.start,
-        )
-
-
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Ring:
+class Ring(OnBody):
     """A closed line of film edges.
 
     As the `area` of an `Orifice` it is the opening |½ ∮ x × dx| [m²] in its deformed shape, taken
@@ -110,100 +82,40 @@ class Ring:
         # Refuses a name that is not a group of curves of the mesh.
         self.body.mesh.curve(self.edges, f"Ring on '{self.body.name}'")
 
-    def requires(self) -> Iterable[Any]:
-        yield self.body
-
-    def loop(self) -> Indices:
-        """Return the edges of a closed line in the order of a walk around it, the same on every
-        rank: (n, 5), two end vertices, two end nodes and the node between them (or -1), in global
-        numbers.  Collective.
+    def loop(self) -> EdgeLine:
+        """Return the edges of the closed line in the order of a walk around it, the same on every
+        rank.  Collective.
 
         The walk starts at the vertex with the lowest x on the mesh, of those the lowest y, then z:
-        at the same vertex for any number of ranks, and at the seam of a tube that is pressed flat,
-        so that opposite edges lie on each other.  Edges that form no closed line raise
-        `InputError`.
+        at the seam of a tube that is pressed flat, so that opposite edges lie on each other.  Edges
+        that form no closed line raise `InputError`.
         """
-        edges = sorted(
-            edge for part in self.body.comm.allgather(self._own_edges()) for edge in part
-        )
-        message = (
-            f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; "
-            "name a group that does."
-        )
-        edges_at: dict[int, list[int]] = {}
-        for i, edge in enumerate(edges):
-            edges_at.setdefault(edge.first_vertex, []).append(i)
-            edges_at.setdefault(edge.last_vertex, []).append(i)
-        two_at_each_vertex = all(len(meeting) == 2 for meeting in edges_at.values())
-        check(len(edges) > 2 and two_at_each_vertex, message)
-        walk: list[Edge] = []
-        i = 0
-        vertex = edges[0].first_vertex
-        while not walk or i != 0:
-            edge = edges[i]
-            if edge.first_vertex != vertex:
-                edge = edge.reversed()
-            walk.append(edge)
-            vertex = edge.last_vertex
-            # the other one of the two edges at the vertex
-            i = sum(edges_at[vertex]) - i
-        # A shorter walk means that the edges form several closed lines.
+        line = edge_line(self.body, self.edges, "Ring")
         check(
-            len(walk) == len(edges),
-            f"Ring: the edges '{self.edges}' of '{self.body.name}' form several closed lines; "
-            "make a group of each line, and give a Ring for each.",
+            line.is_closed,
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; "
+            "name a group that does.",
         )
-        numbers = np.array([edge[:5] for edge in walk])
-        starts = np.array([edge.start for edge in walk])
-        return np.roll(numbers, -_lowest(starts), axis=0)
-
-    def _own_edges(self) -> list[Edge]:
-        """Return the edges of the ring that this rank owns, in global numbers."""
-        film = self.body
-        table = film.mesh.edges
-        edges = film.mesh.curve(self.edges, f"Ring on '{film.name}'")
-        own = edges[edges < table.owned]
-        local = table.nodes(film.space, own)
-        numbers = film.block.index_map.local_to_global(local.ravel())
-        nodes = numbers.reshape(local.shape)
-        coordinates = film.space.tabulate_dof_coordinates()
-        result = []
-        ends = table.ends[own]
-        for k in range(len(own)):
-            middle_node = -1
-            if film.order == 2:
-                middle_node = int(nodes[k, 1])
-            edge = Edge(
-                first_vertex=int(ends[k, 0]),
-                last_vertex=int(ends[k, 1]),
-                first_node=int(nodes[k, 0]),
-                last_node=int(nodes[k, -1]),
-                middle_node=middle_node,
-                start=tuple(map(float, coordinates[local[k, 0]])),
-                end=tuple(map(float, coordinates[local[k, -1]])),
-            )
-            result.append(edge)
-        return result
+        return line
 
 
 class Loop:
     """A ring in a running scene: its area vector (1) of the module, and the strips that close it.
 
     Attributes:
-        vertices: global end vertices of the edges in the order of the walk (n, 2).
+        line: the edges of the ring in the order of the walk.
         indices: global indices of the coordinates of its nodes in system vectors (nodes, 3).
     """
 
     def __init__(self, ring: Ring, system: Assembly) -> None:
         """Walk once around the ring, and tabulate the strips that close it.  Collective."""
-        walk = ring.loop()
-        order = ring.body.order
+        self.line = ring.loop()
+        order = self.line.order
         self._system = system
-        self.vertices = walk[:, :2]
-        nodes = walk[:, 2]
+        nodes = self.line.nodes[:, 0]
         if order == 2:
-            nodes = np.concatenate([walk[:, 2], walk[:, 4]])
-        self._strips = _strips(len(walk), order)
+            nodes = np.concatenate([nodes, self.line.nodes[:, 1]])
+        self._strips = _strips(len(self.line.nodes), order)
         self._tabulate(order)
         self.indices = system.block(ring.body).to_global(nodes)
         self._gather = Gather(system.numbering, [self.indices])
@@ -289,24 +201,9 @@ class Loop:
         """a (3,) [m²] of (1) for the tangents of the strips."""
         return np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
 
-    def direction(self, vertices: Indices) -> Indices:
-        """For each edge, by the global numbers (m, 2) of its ends, +1 if the walk passes it from
-        the first to the second vertex, -1 for the opposite direction, 0 if it is not an edge of the
-        ring; (m,)."""
-        # a and b are the first and second vertex of an edge.
-        passed = {(int(a), int(b)) for a, b in self.vertices}
-        signs = np.zeros(len(vertices), dtype=np.int64)
-        for i in range(len(vertices)):
-            a = int(vertices[i, 0])
-            b = int(vertices[i, 1])
-            if (a, b) in passed:
-                signs[i] = 1
-            elif (b, a) in passed:
-                signs[i] = -1
-        return signs
-
-    def add_own(self, values: Array, G: Array) -> None:
-        values[self._own] += G[self._mine]
+    def add_own(self, values: Array, gradient: Array) -> None:
+        """Add a gradient of `aperture_gradient` to this rank's part of a vector of the system."""
+        values[self._own] += gradient[self._mine]
 
     def _strip_tangents(self, X: Array) -> tuple[Array, Array]:
         """x,s and x,r (strips, g, 3) for the positions X (nodes, 3) of the nodes."""
@@ -318,20 +215,6 @@ def quadrature(degree: int) -> tuple[Array, Array]:
     """Points and weights (g,) on the interval [0, 1], exact for polynomials of a degree."""
     points, weights = basix.make_quadrature(basix.CellType.interval, degree)
     return np.asarray(points).ravel(), np.asarray(weights)
-
-
-def _lowest(points: Array) -> int:
-    """Return the number of the point (n, 3) [m] that has the lowest x, of those the lowest y, then
-    z.  Coordinates that differ by round-off count as equal; of equal points it is the first."""
-    low = points.min(axis=0)
-    high = points.max(axis=0)
-    extent = float(np.linalg.norm(high - low))
-    # A ring of no extent is compared by 1 m, to avoid a division by zero.
-    resolution = COORDINATE_TOLERANCE * extent or 1.0
-    # Rounding makes coordinates equal that differ by round-off only.
-    x, y, z = np.rint((points - low) / resolution).T
-    # lexsort sorts by its last key first.
-    return int(np.lexsort((z, y, x))[0])
 
 
 def _strips(n: int, order: int) -> Indices:

@@ -35,11 +35,8 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, SewnEdges, shape_functions
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.enclosure import (
-    CompiledEnclosure,
-    CompiledSurface,
-    all_triangles,
-)
+from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, CompiledSurface
+from gossamer_fx.mechanics.gas.film_area import all_triangles
 from gossamer_fx.mechanics.gas.patches import Patches, Side, Triangles, is_owned
 from gossamer_fx.mechanics.gas.ring import QUADRATURE_DEGREE_ACROSS, quadrature
 from gossamer_fx.mechanics.gas.surface import Geometry
@@ -198,21 +195,13 @@ class SewnEnclosure:
             table = film.mesh.edges
             count, directions = table.tally(self.cells(film))
             is_twisted += int(((count == 2) & (directions != 0)).sum())
-            ends = table.ends
-            # Number of the edge of this rank from its first to its second vertex, a and b
-            at = {(int(ends[i, 0]), int(ends[i, 1])): i for i in range(table.owned)}
+            ends = table.ends[: table.owned]
             for k, both in enumerate(lines):
                 for side, line in enumerate(both):
-                    if line.body is not film:
-                        continue
-                    for pair in line.vertices:
-                        a = int(pair[0])
-                        b = int(pair[1])
-                        edge = at.get((a, b), at.get((b, a), -1))
-                        if edge >= 0:
-                            along = 1.0 if (a, b) in at else -1.0
-                            sums[k, side] += along * directions[edge]
-                            count[edge] += 1
+                    if line.body is film:
+                        along = line.directions(ends)
+                        sums[k, side] += along @ directions
+                        count += along != 0
             is_open += int((count != 2).sum())
         comm = self.films[0].comm
         is_open, is_twisted = comm.allreduce(np.array([is_open, is_twisted])).tolist()

@@ -44,13 +44,11 @@ class AdiabaticBalance(Balance):
 
     def work(self, y: Array, V: Array, W: Array) -> Array:
         """Work [J] of each chamber (n,) if it expands from V0 to V without heat and flow."""
-        work: Array = self._U0 * (1 - self._ratio(V) ** self._exponent)
-        return work
+        return self._U0 * (1 - self._ratio(V) ** self._exponent)
 
     def _ratio(self, V: Array) -> Array:
         """V0/V of each chamber, (n,)."""
-        ratio: Array = self._V0 / np.maximum(V, SMALLEST_VOLUME * self._V0)
-        return ratio
+        return self._V0 / np.maximum(V, SMALLEST_VOLUME * self._V0)
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
         """Derivatives (n + s, n + s) and (n + s, n) of the residual [J, kg] by y and by V."""
@@ -137,5 +135,4 @@ class HeldPressureBalance(Balance):
 
     def held_masses(self, V: Array) -> Array:
         """Masses [kg] of the species in volumes V (n,) at the held pressures."""
-        masses: Array = self._m0 * self.contents.per_mass(self._p0 * V / self._pV0)
-        return masses
+        return self._m0 * self.contents.per_mass(self._p0 * V / self._pV0)

@@ -7,6 +7,7 @@ from typing import Protocol
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.gas.film_area import CompiledFilmArea, FilmArea
 from gossamer_fx.mechanics.gas.patches import ChamberSurfaces
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
 from gossamer_fx.mechanics.terms.assembly import Assembly
@@ -17,42 +18,17 @@ class Moving(Protocol):
 
     def follow(self) -> None:
         """Evaluate it at the end of the step, `system.q1`."""
-        ...
 
     def accept(self) -> None:
         """Make the end of this step the start of the next."""
-        ...
 
     def add_forces(self, values: Array) -> None:
         """Subtract the forces of the gas, pressure · G(q_mid) [N], from the owned part of a
         residual."""
-        ...
 
 
-class MovingArea(Protocol):
-    """The area of an opening that moves with bodies, taken at the middle of the coming step."""
-
-    def aperture(self, h: float) -> float:
-        """The area [m²] at q0 + ½ h v0 for a step of length h [s].  Collective."""
-        ...
-
-    def aperture_gradient(self, h: float) -> Array:
-        """Derivative [m] of the area of `aperture` by positions at the start of the step, for
-        `add_own`; that by v0 is ½ h times as large.  Collective."""
-        ...
-
-    def add_own(self, values: Array, gradient: Array, /) -> None:
-        """Add a gradient of `aperture_gradient` to the owned unknowns of the body in `values`, this
-        rank's part of a system vector."""
-        ...
-
-
-class DeformedArea(Protocol):
-    """The area of a part of a body, as an item of a scene."""
-
-    def compile(self, system: Assembly) -> MovingArea:
-        """The area in a running scene.  Collective."""
-        ...
+# The area of an opening that moves with bodies, taken at the middle of the coming step.
+MovingArea = Loop | CompiledFilmArea
 
 
 class Geometry:
@@ -68,7 +44,7 @@ class Geometry:
         self.system = system
         self.surfaces = ChamberSurfaces(system)
         self._loops: dict[Ring, Loop] = {}
-        self._areas: dict[DeformedArea, MovingArea] = {}
+        self._areas: dict[FilmArea, MovingArea] = {}
         self._moving: list[Moving] = []
 
     def loop(self, ring: Ring) -> Loop:
@@ -77,7 +53,7 @@ class Geometry:
             self._loops[ring] = Loop(ring, self.system)
         return self._loops[ring]
 
-    def area(self, area: Ring | DeformedArea) -> MovingArea:
+    def area(self, area: Ring | FilmArea) -> MovingArea:
         """The area of an opening, created on the first call.  Collective."""
         if isinstance(area, Ring):
             return self.loop(area)

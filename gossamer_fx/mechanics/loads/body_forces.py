@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import ufl
@@ -19,7 +19,7 @@ from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Parameter, Term, terms_of
+from gossamer_fx.core.model.terms import OnBody, Parameter, Term, terms_of
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.loads.attached_loads import AttachedLoad
 from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler
@@ -29,7 +29,7 @@ from gossamer_fx.mechanics.terms.masses import KineticEnergy
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Gravity:
+class Gravity(OnBody):
     """The weight of a body: its mass matrix times an acceleration, e.g. δW = ∫ρt g·w dA of a film.
 
     What is bonded to the body, e.g. a `Tape` or an `AttachedMass`, is accelerated with it.
@@ -56,9 +56,6 @@ class Gravity:
             is_vector(self.g),
             f"Gravity '{self.name}': g is {self.g!r} m/s²; give three finite numbers.",
         )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         for part in terms_of(self.body, start):
@@ -91,7 +88,7 @@ class Gravity:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Centrifugal:
+class Centrifugal(OnBody):
     """Centrifugal force of a body in axes that turn with a constant angular velocity Ω about a
     point c.
 
@@ -128,9 +125,6 @@ class Centrifugal:
         )
         if not self.name:
             object.__setattr__(self, "name", f"centrifugal force on {self.body.name}")
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         Ω = np.asarray(self.spin, dtype=float)
@@ -170,7 +164,7 @@ MIN_SQUARED_AREA_RATIO = 1e-30
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class AirDrag:
+class AirDrag(OnBody):
     """Drag of thin air on a film or plate: a pressure along the deformed normal n against the
     normal velocity.
 
@@ -211,9 +205,6 @@ class AirDrag:
     wind: Vector = (0.0, 0.0, 0.0)
     name: str = "air drag"
 
-    def requires(self) -> Iterable[Any]:
-        yield self.body
-
     def terms(self, start: State) -> Iterable[Term]:
         film = self.body
         mesh = film.space.mesh
@@ -251,7 +242,7 @@ class Drags(Loads):
         coordinates = [system.coordinates[term.body] for term in terms]
         loads = []
         for term, at in zip(terms, coordinates, strict=True):
-            loads.append(at_rate(term, at))
+            loads.append(at_rate(term.name, term.body, term.work, at))
         super().__init__(loads, system)
         self.losses = [term.name for term in terms]
         # The step is a constant of the forms: another one needs no new kernel.

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, ClassVar, cast
 
-import basix.ufl
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
@@ -25,7 +24,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Parameter, Term
+from gossamer_fx.core.model.terms import OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -35,14 +34,18 @@ from gossamer_fx.mechanics.terms.assembly import (
     Compiler,
     Differentiable,
 )
-from gossamer_fx.mechanics.terms.element_energies import ViscousDissipation, thermal_strain_of
+from gossamer_fx.mechanics.terms.element_energies import (
+    ViscousDissipation,
+    quadrature_element,
+    thermal_strain_of,
+)
 
 Body = Membrane | Cable | Beam
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Damping:
+class Damping(OnBody):
     """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as
     dissipated.
 
@@ -86,9 +89,6 @@ class Damping:
             f"Damping '{self.name}': tension_only is for the stiffness damping of films; "
             "leave it out, or give both.",
         )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """Dissipation by the mass and by the stiffness, for factors above zero; with `tension_only`
@@ -283,12 +283,7 @@ class PresentStiffness:
         quadrature points of `dx`.
         """
         mesh = self.body.space.mesh
-        element = basix.ufl.quadrature_element(
-            mesh.basix_cell(),
-            value_shape=(STRAINS**2,),
-            degree=self.dx.metadata()["quadrature_degree"],
-            scheme="default",
-        )
+        element = quadrature_element(mesh, self.dx.metadata(), (STRAINS**2,))
         object.__setattr__(self, "values", fem.Function(fem.functionspace(mesh, element)))
 
     @property

@@ -5,23 +5,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all
-from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Indices, Vector
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Parameter, Term
-from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.terms.loads import Load
+from gossamer_fx.core.model.terms import OnBody, Parameter, Term
+from gossamer_fx.mechanics.bodies.membrane import Membrane, edge_measure
+from gossamer_fx.mechanics.terms.loads import Load, in_time
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.bodies.plate import Plate
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class EdgeLoad:
+class EdgeLoad(OnBody):
     """A force per reference length along a named group of edges of a film: δW = ∫f·w ds.
 
     Args:
@@ -88,9 +85,6 @@ class EdgeLoad:
         if not self.name:
             object.__setattr__(self, "name", f"{film.name}/{self.edges} load")
 
-    def requires(self) -> Iterable[Any]:
-        yield self.body
-
     def terms(self, start: State) -> Iterable[Term]:
         if self.normal_force is None:
             yield self._in_space()
@@ -101,9 +95,6 @@ class EdgeLoad:
         """Measures ds of the edges on the rim, and dS of those inside, each None where no rank has
         such edges.  Collective."""
         film = self.body
-        domain = film.mesh.domain
-        # Integrals over edges need the triangles next to them.
-        domain.topology.create_connectivity(1, 2)
         edges = film.mesh.curve(self.edges, "EdgeLoad")
         is_on_rim = film.mesh.edges.is_boundary[edges]
         ds = self._measure("ds", edges[is_on_rim])
@@ -116,12 +107,8 @@ class EdgeLoad:
         film = self.body
         if film.comm.allreduce(len(edges)) == 0:
             return None
-        domain = film.mesh.domain
-        tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
         # Exact for a constant force: test functions have the order of the film.
-        metadata = {"quadrature_degree": film.order}
-        measure = ufl.Measure(kind, domain, subdomain_data=tags, metadata=metadata)
-        return measure(1)
+        return edge_measure(film, kind, edges, degree=film.order)
 
     def _in_space(self) -> Term:
         """The load of a force f [N/m] in space: δW = ∫f·w ds.  Collective."""
@@ -134,12 +121,6 @@ class EdgeLoad:
         # A constant, so that other values need no new kernel.
         f = fem.Constant(self.body.mesh.domain, given)
 
-        def at(t: float) -> None:
-            """Set f to its value at a time t [s]."""
-            if callable(force):
-                source = f"'{name}' at t = {t:.6g} s"
-                f.value[:] = ask_numbers(self.body.comm, source, lambda: force(t), (3,))
-
         def work(x: Expr, w: Expr) -> ufl.Form:
             """δW [J] along test functions w."""
             parts = []
@@ -151,6 +132,7 @@ class EdgeLoad:
             return sum(parts[1:], parts[0])
 
         if callable(force):
+            at = in_time(self.body.comm, f"'{name}'", force, f)
             return Load(name, self.body, work, at=at)
         return Load(name, self.body, work, parameters=(Parameter("force", "N/m", f),))
 
@@ -166,12 +148,6 @@ class EdgeLoad:
         f = constant(film.mesh.domain, given)
         ν = ufl.FacetNormal(film.mesh.domain)
 
-        def at(t: float) -> None:
-            """Set p to its value at a time t [s]."""
-            if callable(value):
-                source = f"'{self.name}' at t = {t:.6g} s"
-                f.value = float(ask_numbers(film.comm, source, lambda: value(t)))
-
         def work(x: Expr, w: Expr) -> ufl.Form:
             # Dead load: normal and length of the edge are those of the mesh.
             if not self.following:
@@ -183,6 +159,7 @@ class EdgeLoad:
             return -f * ufl.dot(along, w) / ufl.sqrt(ufl.dot(along, along)) * ds
 
         if callable(value):
+            at = in_time(film.comm, f"'{self.name}'", value, f)
             return Load(self.name, film, work, follows=self.following, at=at)
         parameters = (Parameter("normal_force", "N/m", f),)
         return Load(self.name, film, work, follows=self.following, parameters=parameters)
@@ -196,7 +173,7 @@ def _normal(film: Membrane) -> Expr:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class EdgeMoment:
+class EdgeMoment(OnBody):
     """A moment per reference length about the deformed edge of a plate: δW = ∫ m n·w,n ds.
 
     n is the normal of the plate, and w,n the derivative of the test function across the edge.
@@ -233,27 +210,18 @@ class EdgeMoment:
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} moment")
 
-    def requires(self) -> Iterable[Any]:
-        yield self.body
-
     def terms(self, start: State) -> Iterable[Term]:
         plate = self.body
         value = self.moment
-        domain = plate.mesh.domain
         edges = plate.mesh.curve(self.edges, "EdgeMoment")
-        tags = meshtags(domain, 1, edges, edges * 0 + 1)
         # The normal is a quotient of polynomials, for which no degree is exact; a flat plate of
         # order 2 needs 1.
-        measure = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": 3})
-        ds = measure(1)
+        ds = edge_measure(plate, "ds", edges, degree=3)
         # A function of time is evaluated first by `at`, before any step.
-        m = constant(domain, 0.0 if callable(value) else value)
-
-        def at(t: float) -> None:
-            """Set the moment per length [N] to its value at a time t [s]."""
-            if callable(value):
-                source = f"EdgeMoment '{self.name}' at t = {t:.6g} s"
-                m.value = float(ask_numbers(plate.comm, source, lambda: value(t)))
+        m = constant(plate.mesh.domain, 0.0 if callable(value) else value)
+        at = None
+        if callable(value):
+            at = in_time(plate.comm, f"EdgeMoment '{self.name}'", value, m)
 
         # A couple on the rotation of the edge: the slope of the virtual displacement across the
         # edge, along the normal of the deformed plate.

@@ -31,18 +31,17 @@ from dolfinx.mesh import Mesh
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Parameter, Term
+from gossamer_fx.core.model.terms import OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.terms.loads import Load
+from gossamer_fx.mechanics.terms.loads import Load, in_time
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Pressure:
+class Pressure(OnBody):
     """A pressure along the deformed normal of a film: δW = p ∫n·w da.
 
     Args:
@@ -67,39 +66,31 @@ class Pressure:
     _: KW_ONLY
     name: str = "pressure"
 
-    def requires(self) -> Iterable[Any]:
-        yield self.body
-
     def terms(self, start: State) -> Iterable[Term]:
         film = self.body
         value = self.pressure
         mesh = film.space.mesh
-        # p [Pa] is the given pressure; `at` below sets it at a time.
+        # p [Pa] is the given pressure; a function of time is evaluated first by `at`.
         p = constant(mesh, 0.0 if callable(value) else value)
-        # A function of time belongs to its user; a gradient has the number that multiplies it.
-        factor = constant(mesh, 1.0) if callable(value) else None
-        pressure = p if factor is None else factor * p
+        pressure: Expr = p
+        at = None
+        parameters = (Parameter("pressure", "Pa", p),)
+        if callable(value):
+            # A function of time belongs to its user; a gradient has the number that multiplies it.
+            factor = constant(mesh, 1.0)
+            pressure = factor * p
+            at = in_time(film.comm, f"Pressure '{self.name}'", value, p)
+            parameters = (Parameter("factor", "", factor),)
         # Exact: the area vector is a product of two gradients, and w has the order of the film.
         degree = 2 * (film.order - 1) + film.order
         dx = film.surface_measure(degree)
-
-        def at(t: float) -> None:
-            """Set the pressure [Pa] to its value at a time t [s]."""
-            if callable(value):
-                source = f"Pressure '{self.name}' at t = {t:.6g} s"
-                p.value = ask_numbers(film.comm, source, lambda: value(t))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             """δW [J] at positions x along test functions w."""
             # The area vector is n da/dA: the integral over the mesh is one over the deformed film.
             return pressure * ufl.dot(area_vector(film.deformation(x)), w) * dx
 
-        if factor is not None:
-            scale = (Parameter("factor", "", factor),)
-            yield Load(self.name, film, work, follows=True, at=at, parameters=scale)
-            return
-        parameters = (Parameter("pressure", "Pa", p),)
-        yield Load(self.name, film, work, follows=True, parameters=parameters)
+        yield Load(self.name, film, work, follows=True, at=at, parameters=parameters)
 
 
 STANDARD_GRAVITY = 9.80665  # m/s²
@@ -121,7 +112,6 @@ class Fluid(Protocol):
 
     def profile(self, g: float, mesh: Mesh) -> Profile:
         """The pressure under the acceleration g [m/s²] of gravity, with constants of a mesh."""
-        ...
 
 
 @check_arguments
@@ -274,7 +264,7 @@ def _pressure(
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class FluidPressure:
+class FluidPressure(OnBody):
     """The pressure p(z) of a fluid at rest on one side of a film: δW = ± ∫p(z) n·w da, with + from
     inside and - from outside, n the normal of the deformed film.
 
@@ -304,9 +294,6 @@ class FluidPressure:
     def __post_init__(self) -> None:
         if not self.name:
             object.__setattr__(self, "name", f"{self.side} fluid")
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         film = self.body

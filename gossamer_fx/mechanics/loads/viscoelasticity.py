@@ -32,12 +32,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from dolfinx import fem
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
@@ -46,7 +46,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -63,7 +63,7 @@ from gossamer_fx.mechanics.terms.element_energies import (
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Viscoelasticity:
+class Viscoelasticity(OnBody):
     """Stiffness of a film, cable or beam that relaxes: C(t) = C (1 + Σ r_k exp(-t/τ_k)), with the
     stiffness C of its law.  The loss counts as dissipated, the energy of the branches as stored.
 
@@ -90,8 +90,8 @@ class Viscoelasticity:
 
     body: Membrane | Cable | Beam
     _: KW_ONLY
-    ratios: Sequence[float]
-    times: Sequence[float]
+    ratios: Sequence[Annotated[float, positive()]]
+    times: Sequence[Annotated[float, positive("s")]]
     name: str = "viscoelasticity"
 
     def __post_init__(self) -> None:
@@ -101,11 +101,6 @@ class Viscoelasticity:
             f"{what}: {len(self.ratios)} ratios and {len(self.times)} times are given; "
             "give one of each for every branch.",
         )
-        for value in (*self.ratios, *self.times):
-            check(
-                0 < value < math.inf,
-                f"{what}: a ratio or time is {value!r}; give positive numbers.",
-            )
         body = self.body
         check(
             not body.bends,
@@ -121,9 +116,6 @@ class Viscoelasticity:
             f"{what}: the law of '{body.name}' is not quadratic in the strain; "
             "use one that is, such as Linear or a CableLaw of Green strain.",
         )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         body = self.body
@@ -261,10 +253,7 @@ class RelaxingForces(ViscousForces):
         # Equation (3).
         ψ = self.term.density
         stresses = [(1 + E) / 2 * r * gradient(ψ, z + change / 2) for r, E, z in self._branches()]
-        total = stresses[0]
-        for stress in stresses[1:]:
-            total += stress
-        return total
+        return sum(stresses[1:], stresses[0])
 
     def _loss(self, change: Expr) -> Expr:
         # Equation (4).

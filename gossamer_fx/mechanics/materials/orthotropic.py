@@ -61,7 +61,7 @@ from mpi4py import MPI
 from ufl.variable import Variable
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import check, is_vector
 from gossamer_fx.core.forms.bending import BendingStiffness, OrthotropicBending
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
@@ -179,14 +179,9 @@ class LinearOrthotropic(FilmLaw):
             return
         vectors = {"": given} if not isinstance(given, Mapping) else given
         for group, vector in vectors.items():
-            try:
-                numbers = np.asarray(vector, dtype=float)
-            except (TypeError, ValueError):
-                numbers = np.zeros(0)
-            is_vector = numbers.shape == (3,) and bool(np.isfinite(numbers).all())
             where = f" in '{group}'" if group else ""
             check(
-                is_vector and bool(numbers.any()),
+                is_vector(vector) and bool(np.any(vector)),
                 f"{type(self).__name__}: direction{where} is {vector!r}; "
                 "give a vector of three numbers that is not zero.",
             )

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from numbers import Real
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
@@ -68,7 +68,7 @@ class ThermalExpansion:
     alpha: float | tuple[float, float]
     temperature: Temperature | None = None
     _: KW_ONLY
-    reference: float = ROOM_TEMPERATURE
+    reference: Annotated[float, not_negative("K")] = ROOM_TEMPERATURE
     gradient: Temperature | None = None
 
     def __post_init__(self) -> None:
@@ -78,11 +78,6 @@ class ThermalExpansion:
                 f"ThermalExpansion: alpha is {alpha!r} 1/K; "
                 f"give at most {MAX_ALPHA:g}, e.g. 20e-6 for 20 parts per million and kelvin.",
             )
-        check(
-            self.reference >= 0,
-            f"ThermalExpansion: reference is {self.reference!r} K; give an absolute temperature, "
-            "not below 0 K.",
-        )
         for value in self._numbers():
             check(
                 value >= 0,

@@ -7,6 +7,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 from typing import Annotated
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gossamer_fx.core.checks.arguments import positive
 from gossamer_fx.extend import Array, Range, check, check_arguments
@@ -89,7 +90,7 @@ class Elements:
         r = p / (1 + self.e * cosine) * np.array([cosine, sine, 0.0])
         v = math.sqrt(mu / p) * np.array([-sine, self.e + cosine, 0.0])
         # From the axes of the orbit (x to perigee, z normal to the orbit) to the axes of the scene.
-        R = _about(2, self.node) @ _about(0, self.i) @ _about(2, self.perigee)
+        R = Rotation.from_euler("ZXZ", [self.node, self.i, self.perigee]).as_matrix()
         return R @ r, R @ v
 
     @check_arguments
@@ -174,21 +175,6 @@ def _angle(a: Array, b: Array, axis: Array) -> float:
     sine = float(axis @ np.cross(a, b))
     cosine = float(a @ b)
     return math.atan2(sine, cosine) % (2 * math.pi)
-
-
-def _about(axis: int, angle: float) -> Array:
-    """Matrix (3, 3) that turns vectors about a coordinate axis, 0 to 2, by a right-handed angle
-    [rad]."""
-    cosine = math.cos(angle)
-    sine = math.sin(angle)
-    i = (axis + 1) % 3
-    j = (axis + 2) % 3
-    R = np.eye(3)
-    R[i, i] = cosine
-    R[i, j] = -sine
-    R[j, i] = sine
-    R[j, j] = cosine
-    return R
 
 
 def _true_anomaly(M: float, e: float) -> float:

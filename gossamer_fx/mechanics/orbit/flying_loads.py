@@ -33,7 +33,11 @@ class FlyingLoads(Loads):
     def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
         """Compile the terms as loads that depend on the mean velocity of the step."""
         self._flying = terms
-        super().__init__([at_rate(term, system.coordinates[term.body]) for term in terms], system)
+        loads = [
+            at_rate(term.name, term.body, term.work, system.coordinates[term.body])
+            for term in terms
+        ]
+        super().__init__(loads, system)
 
     def begin_step(self, t: float) -> None:
         system = self._system
@@ -64,11 +68,9 @@ class FlyingForce(Protocol):
 
     def prepare(self, flight: Flight) -> None:
         """Take light, air or magnetic field of the coming step from the flight."""
-        ...
 
     def forces(self, X: Array, rate: Array) -> Array:
         """Forces (..., k, 3) on vectors X (..., k, 3) and their mean rates."""
-        ...
 
 
 class _ByComplexSteps:

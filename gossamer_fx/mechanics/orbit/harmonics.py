@@ -224,10 +224,9 @@ def egm2008(degree: int = EGM_DEGREE, *, central: bool = False) -> SolidHarmonic
 def _egm2008() -> Coefficients:
     """Coefficients c_nm of EGM2008 without normalisation, read once."""
     c = np.zeros((EGM_DEGREE + 1, EGM_DEGREE + 1), dtype=complex)
-    for line in (files("gossamer_fx.mechanics.orbit") / "egm2008.txt").read_text().splitlines():
-        if not line.startswith("#"):
-            n, m, C, S = line.split()
-            c[int(n), int(m)] = float(C) - 1j * float(S)
+    with (files("gossamer_fx.mechanics.orbit") / "egm2008.txt").open() as lines:
+        n, m, C, S = np.loadtxt(lines, unpack=True)
+    c[n.astype(int), m.astype(int)] = C - 1j * S
     return unnormalise(c, geodetic=True)
 
 

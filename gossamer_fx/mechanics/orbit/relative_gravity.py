@@ -261,8 +261,7 @@ class MeshGravity:
         """Assemble a linear form, ghost contributions included, and return the values that this
         rank owns.  Collective."""
         dofmap = self._at.q0.function_space.dofmap
-        b = la.vector(dofmap.index_map, dofmap.index_map_bs)
-        fem.assemble_vector(b.array, form)
+        b = fem.assemble_vector(form)
         b.scatter_reverse(la.InsertMode.add)
         return b.array[: dofmap.index_map.size_local * dofmap.index_map_bs]
 

@@ -91,15 +91,12 @@ class Assembly(Protocol):
     @property
     def initial(self) -> InitialState:
         """The state in which the scene starts."""
-        ...
 
     def block(self, body: Body) -> NumberedBlock:
         """The unknowns of a body in the numbering of the system."""
-        ...
 
     def free_marks(self) -> PETSc.Vec:
         """A new vector with 0 at coordinates that are held, else 1."""
-        ...
 
 
 # The kind of terms that a class compiles.  Contravariant: what compiles stored energies and

@@ -111,13 +111,21 @@ def acts_at_end(alpha: float) -> bool:
     return alpha == 1.0
 
 
-class PointEnergy(Protocol):
-    """What a stress rule knows of an energy of measures between points, as arrays."""
+class PointDensity(Protocol):
+    """Energy of the m strains e of a point measure.
+
+    All arguments and results are arrays over n tuples of ports.  A density whose numbers named in
+    `stacks` may also be arrays (n,) shares one evaluation with others of its class.
+    """
+
+    def energy(self, e: Array) -> Array:
+        """ψ(e) [J], (n,) of (n, m)."""
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress over the path from e0 to e1, and its derivative by e1; ψ' and ψ''/2 at e0 =
-        e1."""
-        ...
+        """S_mean (n, m) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), and dS_mean/de1 (n, m, m).
+
+        At e0 = e1 they are ψ' and ψ''/2.
+        """
 
 
 class StressRule(ABC):
@@ -146,7 +154,7 @@ class StressRule(ABC):
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
         """S_mean (m,) of strains e0 and e1 (m,), an expression of e0 and the UFL variable e1."""
 
-    def point_stress(self, energy: PointEnergy, e0: Array, e1: Array) -> tuple[Array, Array]:
+    def point_stress(self, energy: PointDensity, e0: Array, e1: Array) -> tuple[Array, Array]:
         """S_mean (n, m) of n energies between points, and its derivatives (n, m, m) by e1."""
         if self.conserves:
             return energy.average(e0, e1)

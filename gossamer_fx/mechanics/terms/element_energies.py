@@ -126,7 +126,8 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         self._vectors: list[tuple[Coordinates, slice, la.Vector, Array]] = []
         for body in dict.fromkeys(term.body for term in terms):
             at = system.coordinates[body]
-            b = _vector_of(at)
+            dofmap = at.q0.function_space.dofmap
+            b = la.vector(dofmap.index_map, dofmap.index_map_bs)
             arrays[body] = b.array
             self._vectors.append((at, system.block(body).owned, b, arrays[body]))
         self._assemble: list[Callable[[], None]] = []
@@ -396,7 +397,8 @@ class StoredForces(ElementForces):
         self._law: PointLaw | None = None
         strain = ufl.variable(self.strain_variable)
         if term.quadratic:
-            self._compile_response(rule.stress(term, self.strain_at_start, strain), strain)
+            stress = rule.stress(term, self.strain_at_start, strain)
+            self._set_response = self._evaluated(with_derivative(stress, strain), self._response)
             self._energy = compile_form(term.density(self.strain_at_start) * term.dx)
         else:
             self._compile_law(term, rule, mesh)
@@ -429,10 +431,6 @@ class StoredForces(ElementForces):
         """A function with values of a shape at each quadrature point."""
         element = quadrature_element(mesh, self._metadata, shape)
         return fem.Function(fem.functionspace(mesh, element))
-
-    def _compile_response(self, stress: Expr, strain: Expr) -> None:
-        """The expression of (S, D) of a law with one state, from its stress as a function of ê."""
-        self._set_response = self._evaluated(with_derivative(stress, strain), self._response)
 
     def _compile_law(self, term: StoredEnergy, rule: StressRule, mesh: Any) -> None:
         """Compile the C kernel of a law with several states, as taut, wrinkled and slack, and its
@@ -656,10 +654,7 @@ def _variation(
 
 def _sum(expressions: Sequence[Expr]) -> Expr:
     """The sum of one or more UFL expressions, without a zero in front."""
-    total = expressions[0]
-    for expression in expressions[1:]:
-        total += expression
-    return total
+    return sum(expressions[1:], expressions[0])
 
 
 def _linearised(term: StoredEnergy | ViscousDissipation, e: Expr, at: Coordinates) -> Expr:
@@ -678,12 +673,6 @@ def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:
         if isinstance(term, StoredEnergy) and term.body is body and term.thermal is not None:
             return term.thermal
     return None
-
-
-def _vector_of(at: Coordinates) -> la.Vector:
-    """An assembly vector of the space of a body, owned and ghost nodes."""
-    dofmap = at.q0.function_space.dofmap
-    return la.vector(dofmap.index_map, dofmap.index_map_bs)
 
 
 def quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 import ufl
 from dolfinx import fem, la
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.point_measures import (
@@ -22,6 +23,7 @@ from gossamer_fx.core.algebra.point_measures import (
     translation_weight,
 )
 from gossamer_fx.core.algebra.rotations import cross_matrices
+from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.cell_loops import assembly
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
@@ -136,18 +138,17 @@ class Load:
     compiler: ClassVar[Compiler] = Loads
 
 
-class RateWork(Protocol):
-    """A load that also depends on the mean velocity of the step, `rate`, by its virtual work
-    `work(q, rate, w)` [J]."""
+def in_time(
+    comm: MPI.Intracomm, what: str, value: Callable[[float], Any], target: fem.Constant
+) -> Callable[[float], None]:
+    """What sets a constant of forms to the value of a user's function at a time t [s], the same on
+    all ranks; `what` names the function in messages."""
 
-    @property
-    def name(self) -> str: ...
+    def at(t: float) -> None:
+        source = f"{what} at t = {t:.6g} s"
+        target.value = ask_numbers(comm, source, lambda: value(t), target.value.shape)
 
-    @property
-    def body(self) -> MeshBody: ...
-
-    @property
-    def work(self) -> Callable[[Expr, Expr, Expr], ufl.Form]: ...
+    return at
 
 
 def rate_of(at: Coordinates) -> Expr:
@@ -155,13 +156,13 @@ def rate_of(at: Coordinates) -> Expr:
     return (at.q1 - at.q0) / at.h
 
 
-def at_rate(term: RateWork, at: Coordinates) -> Load:
-    """The term as a load on these coordinates, whose step h [s] is to be set before each step."""
-
-    def work(q: Expr, w: Expr) -> ufl.Form:
-        return term.work(q, rate_of(at), w)
-
-    return Load(term.name, term.body, work, follows=True)
+def at_rate(
+    name: str, body: MeshBody, work: Callable[[Expr, Expr, Expr], ufl.Form], at: Coordinates
+) -> Load:
+    """A load that also depends on the mean velocity of the step, `rate`, by its virtual work
+    `work(q, rate, w)` [J], as one on these coordinates, whose step h [s] is to be set before each
+    step."""
+    return Load(name, body, lambda q, w: work(q, rate_of(at), w), follows=True)
 
 
 class LoadForces:
@@ -235,15 +236,12 @@ class PointForce(Protocol):
             X: k attached vectors (3k,), points [m] or directors [-], one after the other.
             V: their rates (3k,), [m/s] or [1/s].
         """
-        ...
 
     def force(self, X: Array) -> Array:
         """Forces (3k,) at the configuration X (3k,) in which forces act."""
-        ...
 
     def tangent(self, X: Array) -> Array:
         """Derivatives (3k, 3k) of the forces by X (3k,)."""
-        ...
 
 
 @runtime_checkable
@@ -252,11 +250,9 @@ class NumberedForce(Protocol):
 
     def get_number(self, key: str) -> Array:
         """The present value (m,) of a number or vector."""
-        ...
 
     def with_number(self, key: str, value: Array) -> PointForce:
         """The force with another value (m,)."""
-        ...
 
 
 @runtime_checkable
@@ -265,7 +261,6 @@ class ForceWithNumbers(NumberedForce, Protocol):
 
     def force_by_number(self, key: str, X: Array) -> Array:
         """Derivatives (3k, m) of the forces at the configuration X (3k,) in which forces act."""
-        ...
 
 
 @runtime_checkable
@@ -280,11 +275,9 @@ class ForceOfStart(Protocol):
 
     def start_adjoint(self) -> None:
         """Forget all sums: a backward pass begins."""
-        ...
 
     def work_by_number(self, key: str, X: Array, w: Array) -> Array:
         """Derivative (m,) of w·force by a number, of this step and of later ones."""
-        ...
 
     def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
         """Derivatives (3k,) of w·force by the vectors and by the rates at the start of the step.
@@ -292,7 +285,6 @@ class ForceOfStart(Protocol):
         X (3k,) is the configuration in which forces act, w (3k,) a displacement; the dependence on
         X is left out.
         """
-        ...
 
 
 @runtime_checkable

@@ -183,7 +183,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         openness = np.zeros(len(self._terms))
         for k, term in enumerate(self._terms):
             if term.closing:
-                openness[k] = term.closing.openness(t)
+                openness[k] = term.closing(t)
         targets: list[Array] = []
         for term_of, initial in zip(self._term_of, self._initial, strict=True):
             targets.append(openness[term_of][:, None] * initial)
@@ -405,23 +405,14 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         gathered = self._comm.allgather(mine)
         # Ties that must stay come first, so that only others close circles.
         ties = sorted(tie for of_rank in gathered for tie in of_rank)
-        root: dict[int, int] = {}
+        # Imported here: few scenes have ties that repeat others.
+        from scipy.cluster.hierarchy import DisjointSet
 
-        def root_of(vertex: int) -> int:
-            """The vertex that stands for all that are connected with this one; paths are
-            shortened."""
-            while (above := root.setdefault(vertex, vertex)) != vertex:
-                root[vertex] = root[above]
-                vertex = above
-            return vertex
-
+        connected = DisjointSet(vertex for _, _, a, b, _, _ in ties for vertex in (a, b))
         found = []
         for may_repeat, _, a, b, of_rank, position in ties:
-            first = root_of(a)
-            second = root_of(b)
-            if first != second:
-                root[first] = second
-            elif may_repeat and of_rank == rank:
+            closes_circle = not connected.merge(a, b)
+            if closes_circle and may_repeat and of_rank == rank:
                 found.append(position)
         return np.array(found, dtype=np.int64)
 
@@ -553,14 +544,6 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Closing:
-    """How a constraint closes: e(q1) = f(t1) e(q_start), with `openness` f of the time [s], 1 at
-    the start of the scene, and without a rate there."""
-
-    openness: Callable[[float], float]
-
-
 class LatchState(HistoryVariables):
     """The history variables of a constraint that is switched: which of its m measures it holds, and
     at which values.
@@ -625,7 +608,8 @@ class PointConstraint:
     Attributes:
         name: in messages and output.
         measure: e(q).
-        closing: how e goes to zero from what it is at the start; None: it is zero from the start.
+        closing: f of the time [s] by which e goes to zero, e(q1) = f(t1) e(q_start), 1 at the start
+            of the scene and without a rate there; None: e is zero from the start.
         may_repeat: whether a tie of two nodes that follows from others is left out, instead of
             refused.
         latch: whether it holds at present, of one that is switched; None: it always holds.
@@ -634,7 +618,7 @@ class PointConstraint:
 
     name: str
     measure: PointMeasure
-    closing: Closing | None = None
+    closing: Callable[[float], float] | None = None
     may_repeat: bool = False
     latch: LatchState | None = None
     keeps_orthonormal: bool = False

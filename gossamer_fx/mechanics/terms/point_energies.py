@@ -36,30 +36,11 @@ from gossamer_fx.mechanics.terms.assembly import (
     Differentiable,
     HistoryVariables,
 )
-from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
+from gossamer_fx.mechanics.terms.discrete_gradient import PointDensity, StressRule
 
 # Size of complex steps.  They do not cancel, so that the step may be so small that its square is
 # below the round-off of any number.
 COMPLEX_STEP = 1e-30
-
-
-class PointDensity(Protocol):
-    """Energy of the m strains e of a point measure.
-
-    All arguments and results are arrays over n tuples of ports.  A density whose numbers named in
-    `stacks` may also be arrays (n,) shares one evaluation with others of its class.
-    """
-
-    def energy(self, e: Array) -> Array:
-        """ψ(e) [J], (n,) of (n, m)."""
-        ...
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """S_mean (n, m) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), and dS_mean/de1 (n, m, m).
-
-        At e0 = e1 they are ψ' and ψ''/2.
-        """
-        ...
 
 
 class PointDamping(Protocol):
@@ -70,7 +51,6 @@ class PointDamping(Protocol):
 
         The loss S_mean·(e1 - e0) [J] is never negative.
         """
-        ...
 
 
 @runtime_checkable

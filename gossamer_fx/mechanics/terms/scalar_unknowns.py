@@ -35,7 +35,6 @@ class InitialCondition(Protocol):
 
     def initialise(self, start: InitialState) -> None:
         """Change coordinates or velocities, by `start.place` and `start.set_in_motion`."""
-        ...
 
 
 class ScalarUnknowns(HistoryVariables):

@@ -13,8 +13,7 @@ from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.contact.broad_phase.candidates import import_facets
-from gossamer_fx.mechanics.contact.compiled import CompiledContact
-from gossamer_fx.mechanics.contact.contact import Contact
+from gossamer_fx.mechanics.contact.contact import CompiledContact, Contact
 from gossamer_fx.mechanics.contact.contact_pressure import nodes_of, pressures
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh

@@ -47,7 +47,7 @@ from gossamer_fx.mechanics.contact.contract import (
     Sides,
 )
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairRows, PairTable
 from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState, evaluate
 from gossamer_fx.mechanics.contact.stencils import (
     SIDES,
@@ -73,8 +73,7 @@ EDGE_WEIGHTS = np.array(
 
 def unit_vectors(vectors: Array) -> Array:
     """Return vectors (n, 3) of length one; those without a length stay zero."""
-    unit: Array = vectors / np.maximum(lengths_of(vectors), TINY)[:, None]
-    return unit
+    return vectors / np.maximum(lengths_of(vectors), TINY)[:, None]
 
 
 def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
@@ -112,7 +111,7 @@ def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class SlidingGeometry:
+class SlidingGeometry(PairRows):
     """Where n pairs slide, between k points each.
 
     Attributes:
@@ -126,15 +125,9 @@ class SlidingGeometry:
     gap_weights: Array
     direction_weights: Array
 
-    def rows(self, which: Any) -> SlidingGeometry:
-        """Some of the pairs, given by indices or by a mask (n,)."""
-        return SlidingGeometry(
-            self.normal[which], self.gap_weights[which], self.direction_weights[which]
-        )
-
 
 @dataclass(frozen=True)
-class BetweenBodies:
+class BetweenBodies(PairRows):
     """Geometry of n pairs between bodies, which slide along two edges of the pair.
 
     Attributes:
@@ -142,10 +135,6 @@ class BetweenBodies:
     """
 
     kind: ByteArray
-
-    def rows(self, which: Any) -> BetweenBodies:
-        """Some of the pairs, given by indices or by a mask (n,)."""
-        return BetweenBodies(self.kind[which])
 
     def repeated(self, times: int) -> BetweenBodies:
         """The same pairs, each `times` times in a row."""
@@ -264,7 +253,7 @@ class FrictionStep:
 
 
 @dataclass(frozen=True)
-class Sliding:
+class Sliding(PairRows):
     """How n pairs slide in a step: w (n, 2) [m], and the vectors r (n, 3) [m] and directions t (n,
     2, 3) [-] in its middle and at its end."""
 
@@ -273,16 +262,6 @@ class Sliding:
     t_mid: Array
     r_end: Array
     t_end: Array
-
-    def rows(self, which: Int64Array) -> Sliding:
-        """The sliding of some of the pairs, given by their indices (m,)."""
-        return Sliding(
-            w=self.w[which],
-            r_mid=self.r_mid[which],
-            t_mid=self.t_mid[which],
-            r_end=self.r_end[which],
-            t_end=self.t_end[which],
-        )
 
 
 @dataclass(frozen=True)
@@ -432,8 +411,7 @@ class FrictionPairs:
         on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
         on_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
         by_gaps = self.start.gap_weights[:, :, None] * on_gaps[:, None]
-        forces: Array = by_gaps + on_directions[:, :, None] * sliding.r_mid[:, None]
-        return forces
+        return by_gaps + on_directions[:, :, None] * sliding.r_mid[:, None]
 
     # ---- tangents ----
 
@@ -530,15 +508,13 @@ class FrictionPairs:
         """Return the gradient Dm (n, 2, k, 3) of both measures r·t_i by the k points of each pair,
         where the vectors are r and t."""
         by_gaps = self.start.gap_weights[:, None, :, None] * t[:, :, None]
-        gradient: Array = by_gaps + self.start.direction_weights[..., None] * r[:, None, None]
-        return gradient
+        return by_gaps + self.start.direction_weights[..., None] * r[:, None, None]
 
 
 def parameters_at_start(pairs: ActivePairs) -> Array:
     """Return (u, v) (n, 2) of the closest points of pairs at the start of their step."""
     assert pairs.start is not None, "a step has the starts of its pairs"
-    parameters: Array = pairs.start[:, :2]
-    return parameters
+    return pairs.start[:, :2]
 
 
 def grip_of(w: Array, creep: float) -> Grip:

@@ -113,8 +113,7 @@ class _Product:
 
     def by_coefficient(self) -> Array:
         """∂W/∂c = N g w·P (n,)."""
-        found: Array = self._N * self._grip.factor * self._power
-        return found
+        return self._N * self._grip.factor * self._power
 
     def at_constant_weights(self) -> Array:
         """Return the part of ∂W/∂x0 (n, k, 3) by the points in w and in the middle of the step. The
@@ -213,5 +212,4 @@ class _Product:
         found = np.einsum("nk,njk->nj", by_gap_weights, by_weights)
         found += np.einsum("nik,njik->nj", by_directions, by_t)
         found += np.einsum("nc,njc->nj", by_normal, by_n)
-        product: Array = found.reshape(count, width, 3) / COMPLEX_STEP
-        return product
+        return found.reshape(count, width, 3) / COMPLEX_STEP

@@ -172,18 +172,14 @@ def _numbers_of(
     surface.  Collective: a rank knows some of them."""
     if not wanted:
         return {}
-    order = np.lexsort((points.node, points.body))
-    keys = np.stack([points.body[order], points.node[order]], axis=1)
-    of_bodies = np.searchsorted(keys[:, 0], np.arange(int(keys[:, 0].max(initial=0)) + 2))
+    # One number for body and node.
+    nodes = [node for _, node in wanted]
+    base = 1 + max(*nodes, int(points.node.max(initial=0)))
+    asked = np.array(wanted, dtype=np.int64) @ [base, 1]
+    known = points.body * base + points.node
+    _, found, row = np.intersect1d(asked, known, assume_unique=True, return_indices=True)
     numbers = np.full(len(wanted), -1, dtype=np.int64)
-    for k, (body, node) in enumerate(wanted):
-        if body + 1 >= len(of_bodies):
-            continue
-        start = of_bodies[body]
-        nodes = keys[start : of_bodies[body + 1], 1]
-        row = int(np.searchsorted(nodes, node))
-        if row < len(nodes) and nodes[row] == node:
-            numbers[k] = points.number[order[start + row]]
+    numbers[found] = points.number[row]
     comm.Allreduce(MPI.IN_PLACE, numbers, op=MPI.MAX)
     return dict(zip(wanted, map(int, numbers), strict=True))
 

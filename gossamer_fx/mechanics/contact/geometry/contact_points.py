@@ -13,14 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
+from scipy.sparse import block_diag, csr_matrix, identity
 
-from gossamer_fx.core.algebra.point_measures import Gather
+from gossamer_fx.core.algebra.point_measures import Gather, attach
 from gossamer_fx.core.checks.errors import Inadmissible
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Attached, Body, Ground, Port
@@ -99,52 +98,23 @@ class ObstaclePoints:
     name: str = "obstacle"
 
 
-class _Map:
-    """The rows of W and c for the points of obstacles, as they are added one by one.
-
-    Attributes:
-        first_dofs: first unknown of each block row of a rigid body.
-        rows, columns, weights: entries of W, counted from the first point and the first block row
-            of an obstacle.
-        constants: the constant vector (3,) of each point, zero on a rigid body.
-    """
-
-    def __init__(self, system: Assembly) -> None:
-        self._system = system
-        self._block_row_of: dict[int, int] = {}
-        self.first_dofs: list[int] = []
-        self.rows: list[int] = []
-        self.columns: list[int] = []
-        self.weights: list[float] = []
-        self.constants: list[Array] = []
-
-    def add(self, vector: Attached) -> int:
-        """Add a point or direction of an obstacle; return its number among those of obstacles.
-        `vector`: of the ground, which becomes a constant [m], or a combination of the vectors of a
-        rigid body, which becomes a row of weights [-]."""
-        number = len(self.constants)
-        if isinstance(vector, Ground):
-            self.constants.append(np.array(vector.vector, dtype=float))
-            return number
-        self.constants.append(np.zeros(3))
-        for first_dof, weight in zip(self._first_dofs(vector), vector.weights, strict=True):
-            self.rows.append(number)
-            self.columns.append(self._block_row(first_dof))
-            self.weights.append(weight)
-        return number
-
-    def _first_dofs(self, port: Port) -> list[int]:
-        """Return the first unknown of each vector of which a port is a combination."""
-        vectors = port.vectors or (0,) * len(port.nodes)
-        of_nodes: Any = self._system.block(port.body).to_global(np.array(port.nodes))
-        return [int(dofs[3 * vector]) for dofs, vector in zip(of_nodes, vectors, strict=True)]
-
-    def _block_row(self, first_dof: int) -> int:
-        """Return the block row that begins with an unknown; obstacles on one body share them."""
-        if first_dof not in self._block_row_of:
-            self._block_row_of[first_dof] = len(self.first_dofs)
-            self.first_dofs.append(first_dof)
-        return self._block_row_of[first_dof]
+def _weights_of(vectors: Sequence[Attached], system: Assembly) -> tuple[csr_matrix, Int64Array]:
+    """Return the rows of W (k, o) for the k points and directions of obstacles, zero for those in
+    space, and the first unknown of each of the o block rows of rigid bodies, which obstacles on one
+    body share."""
+    rows: list[int] = []
+    weights: list[float] = []
+    first_dofs: list[int] = []
+    for number, vector in enumerate(vectors):
+        if isinstance(vector, Port):
+            unknowns, P, _ = attach(system.numbering, system.bodies, (vector,))
+            # Three unknowns, and three columns of P, for each vector of which it is a combination.
+            first_dofs += [int(unknown) for unknown in unknowns[::3]]
+            weights += [float(weight) for weight in P[0, ::3]]
+            rows += [number] * (len(unknowns) // 3)
+    distinct, columns = np.unique(np.array(first_dofs, dtype=np.int64), return_inverse=True)
+    shape = (len(vectors), len(distinct))
+    return csr_matrix((weights, (rows, columns)), shape=shape), distinct
 
 
 class ContactPoints:
@@ -171,60 +141,52 @@ class ContactPoints:
         self.comm = system.comm
         self._numbering = system.numbering
         self._blocks = [system.block(body) for body in bodies]
-        self._of_obstacles = _Map(system)
         self._motions: list[tuple[Int64Array, ObstacleMotion]] = []
-        self._directions: list[int] = []  # numbers among the points of obstacles
+        vectors: list[Attached] = []
+        is_point: list[bool] = []
         for obstacle in obstacles:
-            numbers = [self._of_obstacles.add(vector) for vector in obstacle.at]
-            self._directions += [
-                n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if not is_point
-            ]
             if obstacle.motion is not None:
-                moved = [
-                    n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if is_point
-                ]
+                moved = len(vectors) + np.flatnonzero(obstacle.is_point)
                 motion = ObstacleMotion(obstacle.name, obstacle.motion, system.comm)
-                self._motions.append((np.array(moved, dtype=np.int64), motion))
+                self._motions.append((moved, motion))
+            vectors += obstacle.at
+            is_point += obstacle.is_point
         # Every rank knows all obstacles: they have few points.
-        self.obstacle_count = len(self._of_obstacles.constants)
+        self.obstacle_count = len(vectors)
+        self._is_point = np.array(is_point, dtype=bool)
+        self._of_obstacles, self._first_dofs = _weights_of(vectors, system)
+        # Points on a rigid body have no constant part.
+        self._fixed = np.zeros((len(vectors), 3))
+        for number, vector in enumerate(vectors):
+            if isinstance(vector, Ground):
+                self._fixed[number] = vector.vector
         # Without obstacles on rigid bodies W is the identity, and products with it are left out.
-        self._are_block_rows = not self._of_obstacles.rows
+        self._are_block_rows = not len(self._first_dofs)
 
     def is_position(self) -> MaskArray:
         """Return which points (m,) are positions: the others are directions of obstacles, such as
         normals, on which no force [N] but a moment acts."""
-        found = np.ones(self.count, dtype=bool)
-        found[self.body_count + np.array(self._directions, dtype=np.int64)] = False
-        return found
+        return np.concatenate([np.ones(self.body_count, dtype=bool), self._is_point])
 
     def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
         """Let the first n points of a contact be some nodes of bodies, and set the map from block
         rows to all points; collective.  `body`: number (n,) of the body of each point, ascending;
         `node`: global number (n,) among the nodes of the body."""
-        of_obstacles = self._of_obstacles
         self.body_count = len(node)
         self.count = self.body_count + self.obstacle_count
         of_bodies = [block.to_global(node[body == k])[:, 0] for k, block in enumerate(self._blocks)]
-        first_dofs = np.array(of_obstacles.first_dofs, dtype=np.int64)
-        self.first_dof = np.concatenate([*of_bodies, first_dofs]).astype(np.int64)
-        self.weights = self._matrix(of_obstacles)
+        self.first_dof = np.concatenate([*of_bodies, self._first_dofs]).astype(np.int64)
+        # The identity for nodes of bodies, then the rows of obstacles.
+        of_nodes = identity(self.body_count, format="csr")
+        self.weights = block_diag((of_nodes, self._of_obstacles), format="csr")
         self._moved = [(self.body_count + numbers, motion) for numbers, motion in self._motions]
         self.prescribed = np.concatenate(
             [np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)]
         )
         # Nodes of bodies have no prescribed part.
-        self._constants = np.vstack([np.zeros((self.body_count, 3)), *of_obstacles.constants])
+        self._constants = np.vstack([np.zeros((self.body_count, 3)), self._fixed])
         self._dofs = self.first_dof[:, None] + np.arange(3)
         self._gather = Gather(self._numbering, [self._dofs])
-
-    def _matrix(self, of_obstacles: _Map) -> csr_matrix:
-        """W (m, v): the identity for nodes of bodies, then the rows of obstacles."""
-        count = self.body_count
-        own = np.arange(count)
-        rows = np.concatenate([own, count + np.array(of_obstacles.rows, dtype=int)])
-        columns = np.concatenate([own, count + np.array(of_obstacles.columns, dtype=int)])
-        values = np.concatenate([np.ones(count), np.array(of_obstacles.weights, dtype=float)])
-        return csr_matrix((values, (rows, columns)), shape=(self.count, len(self.first_dof)))
 
     def at(self, q: PETSc.Vec, time: float) -> Array:
         """Return the points of a contact for coordinates q of the system at a time [s]; collective.
@@ -283,8 +245,7 @@ class ContactPoints:
         """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
         if self.comm.size == 1:
             # Six times as fast as a scatter.
-            found: Array = q.array_r[self._dofs]
-            return found
+            return q.array_r[self._dofs]
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:

@@ -61,8 +61,7 @@ def parameter_derivatives(
         of_length = np.einsum("nk,nc->nkc", weights_of_z, normal)
         by_z = by_z - np.einsum("ni,nkc->nikc", along_normal, of_length)
     inverse = inverse_on_free_directions(sides, H, parameters)
-    found: Array = -np.einsum("nij,njkc->nikc", inverse, by_sides + by_z)
-    return found
+    return -np.einsum("nij,njkc->nikc", inverse, by_sides + by_z)
 
 
 def inverse_on_free_directions(sides: Sides, H: Array, parameters: Array) -> Array:
