@@ -27,7 +27,7 @@ Algorithm.
        z = P (Pᵀ A P)⁻¹ Pᵀ r,                                                                 (3)
 
    with Pᵀ A P factorised by MUMPS, on every rank as a whole.
-6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, it becomes a level of its own,
+6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, it becomes a separate level,
    with an incomplete factorisation, of PETSc's multigrid.  Below it are affine functions on large
    patches, P2, and where these are many on groups of them, P3, which cross the boundaries of ranks.
    They are linear combinations of those on the patches above, so that Pᵀ P2 and P2ᵀ P3 take one

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gossamer_fx.core.forms.c_source import CStruct, check_indices
-from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array
 from gossamer_fx.mechanics.contact.geometry.facets import (
     CollisionPrimitives,
     FilteredPrimitives,

@@ -65,7 +65,7 @@ class PairDistances:
 
     Far pairs need no closest points: their gap may be a lower bound that follows from an earlier
     state.  Closest points are computed for those that ask for them, and not kept: in packed layers
-    one candidate in twenty takes part in a step.
+    less than one candidate in forty takes part in a step.
 
     Attributes:
         candidates: the n pairs.
