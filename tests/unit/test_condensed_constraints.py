@@ -327,6 +327,21 @@ def test_a_step_of_many_iterations_is_factorised(monkeypatch):
     assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
 
 
+def test_ties_alone_are_not_factorised_because_of_some_iterations(monkeypatch):
+    """With poor factors a solve takes more than the iterations that frames are allowed."""
+    run = simulation(plane, MPI.COMM_SELF, monkeypatch)
+    other = simulation(plane, MPI.COMM_SELF)
+    monkeypatch.setattr(two_level, "ILU_LEVELS", 0)
+    monkeypatch.setattr(two_level, "ILU_LEVELS_DIFFICULT", 0)
+    monkeypatch.setattr(condensed_constraints, "MAX_ITERATIONS", 1)
+    made = new_factorisations(monkeypatch)
+    for each in (run, other):
+        each.run(until=1e-3)
+    assert run.solver.newton.linear_iterations > run.solver.newton.all_iterations
+    assert not made
+    assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
+
+
 def new_factorisations(monkeypatch) -> list[bool]:
     """A list that gets an entry for each new factorisation: whether it is scaled."""
     made: list[bool] = []

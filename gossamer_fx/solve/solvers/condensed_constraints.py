@@ -89,12 +89,17 @@ MIN_FILM_SHARE = 0.5
 # takes 1.4 s of CPU time on one rank and 0.9 s on two, with all factorised 1.9 and 1.2 s.
 MIN_UNKNOWNS_WITH_FRAMES = 40_000
 
-# Krylov iterations after which a factorisation costs less than more of them, 5 for 47 thousand
-# unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few digits
+# Krylov iterations after which a factorisation costs less than more of them: with frames 5 for 47
+# thousand unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few digits
 # may also double Newton's iterations.  14 steps of the former take 0.97 of the time of
 # factorisations alone, with a limit of 8 they take 1.11.  Taut film between beams takes 2.4
 # iterations and 0.65 of the time.
 MAX_ITERATIONS = 6
+
+# The same with neither frames nor contact.  Of a sheet of 46 thousand unknowns in two tied halves a
+# factorisation costs as much as 35 iterations; six steps that end none take 0.47 of the time of
+# factorisations alone, with a limit of 12 0.57, with 6 0.85.
+MAX_ITERATIONS_OF_TIES = 60
 
 # Relative residual of a solution from which a factorisation without scaling is not accurate enough.
 # Antennas have 1e-12.
@@ -268,7 +273,8 @@ def _right_inverses(products: Array, d: Array) -> Array:
 class CondensedConstraints:
     """The preconditioner (3), as PETSc's Python preconditioner.
 
-    `problem` says why a factorisation of the whole matrix failed, and is empty if none did.
+    `problem` says why a factorisation of the whole matrix failed, and is empty if none did;
+    `are_ties_alone` says that there are neither frames nor contact.
 
     In the code `near` are the unknowns on which the rows of K that differ from those of A depend;
     sparse matrices have columns for these only.
@@ -283,6 +289,7 @@ class CondensedConstraints:
         self.inner = PETSc.PC().create(system.comm)
         self.inner.setType("python")
         has_frames = bool(condensation.frames)
+        self.are_ties_alone = not has_frames and not system.active_sets
         self._two_level = TwoLevel(system, condensation.owned, is_difficult=has_frames)
         self.inner.setPythonContext(self._two_level)
         self.problem = ""
@@ -671,8 +678,8 @@ class CondensedSolver:
     takes 4.4 instead of 9.7 iterations for one of Newton's, at tolerances with which these are as
     many.
 
-    A solve that takes more than `MAX_ITERATIONS` is ended by a factorisation of the whole matrix,
-    and so are the others of the step and some steps more: with solutions of a few digits Newton's
+    A solve that takes more than `MAX_ITERATIONS`, of ties alone `MAX_ITERATIONS_OF_TIES`, is ended
+    by a factorisation of the whole matrix, and so are the others of the step and some steps more: with solutions of a few digits Newton's
     iteration may not converge there.
     """
 
@@ -684,7 +691,7 @@ class CondensedSolver:
         operator.setUp()
         self._krylov = PETSc.KSP().create(K.comm)
         self._krylov.setType("fgmres")
-        self._krylov.setGMRESRestart(MAX_ITERATIONS)
+        self._krylov.setGMRESRestart(MAX_ITERATIONS_OF_TIES)
         self._krylov.setPCSide(PETSc.PC.Side.RIGHT)
         self._krylov.setOperators(operator)
         pc = self._krylov.getPC()
@@ -725,7 +732,9 @@ class CondensedSolver:
         self._scale.sqrtabs()
         self._scale.reciprocal()
         right.pointwiseMult(right, self._scale)
-        self._krylov.setTolerances(rtol=ksp.getTolerances()[0], max_it=MAX_ITERATIONS)
+        are_ties_alone = self._condensed.are_ties_alone
+        most = MAX_ITERATIONS_OF_TIES if are_ties_alone else MAX_ITERATIONS
+        self._krylov.setTolerances(rtol=ksp.getTolerances()[0], max_it=most)
         self._krylov.solve(right, z)
         reason = self._krylov.getConvergedReason()
         self._condensed.problem = ""
