@@ -679,8 +679,8 @@ class CondensedSolver:
     many.
 
     A solve that takes more than `MAX_ITERATIONS`, of ties alone `MAX_ITERATIONS_OF_TIES`, is ended
-    by a factorisation of the whole matrix, and so are the others of the step and some steps more: with solutions of a few digits Newton's
-    iteration may not converge there.
+    by a factorisation of the whole matrix, and so are the others of the step and some steps more:
+    with solutions of a few digits Newton's iteration may not converge there.
     """
 
     def __init__(self, preconditioner: CondensedConstraints) -> None:
