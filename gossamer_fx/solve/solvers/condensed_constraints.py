@@ -90,8 +90,8 @@ MIN_FILM_SHARE = 0.5
 MIN_UNKNOWNS_WITH_FRAMES = 40_000
 
 # Krylov iterations after which a factorisation costs less than more of them: with frames 5 for 47
-# thousand unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few digits
-# may also double Newton's iterations.  14 steps of the former take 0.97 of the time of
+# thousand unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few
+# digits may also double Newton's iterations.  14 steps of the former take 0.97 of the time of
 # factorisations alone, with a limit of 8 they take 1.11.  Taut film between beams takes 2.4
 # iterations and 0.65 of the time.
 MAX_ITERATIONS = 6
