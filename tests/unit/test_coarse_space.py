@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -189,6 +190,18 @@ def test_a_v_cycle_serves_as_a_factorisation_does(comm, monkeypatch, on_one_rank
         sizes.append(run.system.q0.norm())
     assert counts[1] < 1.3 * counts[0]
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-9)
+
+
+def test_the_solver_of_the_last_level_does_not_depend_on_scenes_before(monkeypatch):
+    """PETSc's options are those of the whole program."""
+    found = []
+    for limit in (1_000_000, 100, 1_000_000):
+        monkeypatch.setattr(coarse_space, "MAX_UNKNOWNS_FACTORISED", limit)
+        run = simulation(MPI.COMM_SELF, 40)
+        run.run(until=1e-3)
+        multigrid = run.solver.newton._preconditioner.getPythonContext()._multigrid
+        found.append(multigrid.getMGCoarseSolve().getPC().getFactorSolverType())
+    assert found == ["mumps", "petsc", "mumps"]
 
 
 @pytest.mark.slow

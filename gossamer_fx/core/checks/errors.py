@@ -182,7 +182,7 @@ def check_positive(owner: Any, quantity: str, unit: str) -> None:
 
 def require_positive(what: str, value: float, unit: str) -> None:
     """Raise `InputError` unless a value is a finite, positive number, the same on all ranks.  The
-    message begins with `what`; `hint` follows "give a positive number" and the unit.
+    message begins with `what`, and gives the value with its unit.
 
     >>> require_positive("The thickness", 1e-3, "m")
     """

@@ -85,8 +85,7 @@ class WithinHalfATurn:
     def leaves_range(self, e0: Array, e1: Array) -> npt.NDArray[np.bool_]:
         """Whether the angles pass π or -π between measures e0 and e1 (n, 2), (n,)."""
         φ0, Δφ = angles(e0, e1)
-        beyond: npt.NDArray[np.bool_] = np.abs(φ0 + Δφ) >= math.pi
-        return beyond
+        return np.abs(φ0 + Δφ) >= math.pi
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,6 @@ class BoundedDensity(PointDensity, Protocol):
 
     def leaves_range(self, e0: Array, e1: Array) -> npt.NDArray[np.bool_]:
         """Whether a step from the strains e0 to e1 (n, m) leaves the range, (n,)."""
-        ...
 
 
 class PathDensity(HistoryVariables):
@@ -242,8 +241,7 @@ class Stencil:
         """Whether each row of a measure with a `BoundedDensity` leaves its range in the step,
         (n,)."""
         e1 = self.at.measure(self.at.vectors(q1))
-        found: npt.NDArray[np.bool_] = self.density.leaves_range(self.e0, e1)
-        return found
+        return self.density.leaves_range(self.e0, e1)
 
     def loss(self, q1: Array) -> Array:
         """Dissipated energy of each row of the measure (n,) in the step [J]."""

@@ -113,6 +113,9 @@ LESS_THAN_ONE_NODE = 0.5
 
 TINY = float(np.finfo(float).tiny)  # against division by zero
 
+# Options that `_set_options` has set, not the user.
+_OWN_OPTIONS: set[str] = set()
+
 NONE: Indices = np.zeros(0, dtype=np.int64)
 
 
@@ -191,10 +194,7 @@ def new_multigrid(interpolations: list[PETSc.Mat], local: PETSc.PC) -> PETSc.PC:
         choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
     # With several levels by PETSc: a solution by MUMPS takes 0.2 ms, however small the matrix.
     choices[last + "pc_type"] = "lu"
-    options = PETSc.Options(prefix)
-    for key, value in choices.items():
-        if not options.hasName(key):
-            options[key] = value
+    _set_options(prefix, choices)
     multigrid = PETSc.PC().create(local.comm)
     multigrid.setOptionsPrefix(prefix)
     multigrid.setType("mg")
@@ -208,6 +208,19 @@ def new_multigrid(interpolations: list[PETSc.Mat], local: PETSc.PC) -> PETSc.PC:
     for level in range(finest):
         multigrid.getMGSmoother(level).setFromOptions()
     return multigrid
+
+
+def _set_options(prefix: str, choices: dict[str, str | int]) -> None:
+    """Set PETSc's options of a prefix, but those of the user, in place of those of the last call: a
+    scene of another size or on other ranks has others."""
+    options = PETSc.Options(prefix)
+    for key in _OWN_OPTIONS:
+        options.delValue(key)
+    _OWN_OPTIONS.clear()
+    for key, value in choices.items():
+        if not options.hasName(key):
+            options[key] = value
+            _OWN_OPTIONS.add(key)
 
 
 def _interpolations(system: System, P: PETSc.Mat, condensed: Indices) -> list[PETSc.Mat]:

@@ -85,8 +85,6 @@ class TwoLevel:
         self._A, self._fixed = pc.getOperators()
         self._set_up_coarse_space()
         self._set_up_local_part()
-        self._multigrid.setOperators(self._A)
-        self._multigrid.setUp()
         self._applications = 0
         reasons = PETSc.PC.FailedReason
         has_failed = self._local.getFailedReason() != reasons.NOERROR
@@ -108,13 +106,14 @@ class TwoLevel:
         """Factorise A incompletely, with the levels of fill that the last solve suggests: 2 at
         first, and 6 after a solve that took more than 20 applications or from the start.
         Collective."""
-        self._local.setOperators(self._A)
+        self._multigrid.setOperators(self._A)
+        # This sets those of the incomplete factorisation, too.
         self._multigrid.getMGSmoother(len(self._coarse.interpolations)).setOperators(self._A)
         if not self._levels:
             self._choose_fill(ILU_LEVELS_DIFFICULT if self._is_difficult else ILU_LEVELS)
         elif self._applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
             self._choose_fill(ILU_LEVELS_DIFFICULT)
-        self._local.setUp()
+        self._multigrid.setUp()
         self._local.setUpOnBlocks()
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
