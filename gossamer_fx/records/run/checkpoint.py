@@ -442,11 +442,9 @@ class SavedRun(StateView, Protocol):
 
     def get_history(self) -> dict[str, Any]:
         """Its state beyond the history of the scene, for JSON; the same on every rank."""
-        ...
 
     def set_history(self, state: dict[str, Any]) -> None:
         """Restore what `get_history` returned, after the history of the scene."""
-        ...
 
 
 @check_arguments
