@@ -32,8 +32,7 @@ BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTA
 
 def study_of(name: str) -> Study:
     """The study of a module of this folder."""
-    found: Study = importlib.import_module(f"demos.studies.{name}").STUDY
-    return found
+    return importlib.import_module(f"demos.studies.{name}").STUDY
 
 
 def write_page(summaries: dict[str, list[list[str]]]) -> None:
