@@ -324,7 +324,7 @@ def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ..
         set(components) <= {0, 1, 2} and bool(components),
         f"{kind}: components are {components!r}; choose from 0, 1, 2.",
     )
-    body.mesh.group(group)
+    body.mesh.group(group, f"{kind} on '{body.name}'")
     # Owned nodes are counted once; a group may have no node on this rank, but not on all.
     nodes = body.nodes(group)
     owned = int((nodes < body.block.index_map.size_local).sum())
