@@ -124,9 +124,11 @@ class Equilibrium:
         search.run(at, progress)
         external = float(self.system.external_forces().norm())
         self._largest_load = max(self._largest_load, external)
-        is_unloaded = external <= VANISHING_LOAD * self._largest_load
-        if not is_unloaded:
+        vanishing = VANISHING_LOAD * self._largest_load
+        if external > vanishing:
             warn_of_lost_loads(search)
+        # Without loads the reactions of supports are round-off.
+        is_unloaded = external <= max(vanishing, search.newton.round_off)
         free, is_regular, unstable = assess(search, at)
         residual, load = search.unbalanced()
         is_within_tolerance = bool(residual <= self.search.tolerance)
