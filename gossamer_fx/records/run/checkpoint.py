@@ -493,13 +493,15 @@ class Checkpoints:
         self._written: int | None = None  # step of the last checkpoint
 
     def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
-        """Make the folder; before anything is computed.  Collective.
+        """Try whether the folder can be written, before anything is computed; the first checkpoint
+        makes it.  Collective.
 
         Args:
             scene: its description, see `scene_of`.
             restart: the checkpoint, or folder of some, from which the run continues, if any.
         """
-        make_parent(run.comm, self.folder / "step")
+        tried = self.folder / "step" if self.folder.is_dir() else self.folder
+        make_parent(run.comm, tried, file=False)
         on_rank_zero(run.comm, lambda: self._check_free(restart))
         self._names = all_names(run.system)
         self._scene = scene
@@ -580,7 +582,7 @@ class Checkpoints:
                 # A run that was killed while it wrote may have left such a folder.
                 for incomplete in self.folder.glob(".step-*"):
                     shutil.rmtree(incomplete, ignore_errors=True)
-                new.mkdir()
+                new.mkdir(parents=True)
 
         def write_share() -> None:
             share = new / _rank_file(comm.rank)
