@@ -16,6 +16,7 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import AIR
 from tests.rates import observed_order
+from tests.small_scenes import inwards
 
 RADIUS = 0.2
 START = 400.0  # temperature of the gas [K]
@@ -50,10 +51,6 @@ def balloon(
     gas = run.system.scalar_unknowns[0]
     area = gas.geometry.area(cold.area)
     return SimpleNamespace(run=run, bag=run.chamber("bag"), area=area.aperture)
-
-
-def inwards(X):
-    return -X / RADIUS
 
 
 @pytest.mark.parametrize("dt", [0.5, 20.0])

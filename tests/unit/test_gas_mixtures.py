@@ -15,16 +15,13 @@ from gossamer_fx.core.algebra.dual_numbers import jacobian, variables
 from gossamer_fx.mechanics.gas.mixture import Blend
 from gossamer_fx.presets.gases import CARBON_DIOXIDE, HELIUM, HOT_NITROGEN, NITROGEN
 from tests.rates import observed_order
+from tests.small_scenes import run_of
 
 EQUAL = gx.gas.Mixture({HELIUM: 0.5, NITROGEN: 0.5}, name="equal parts")
 
 
 def tank(volume, pressure, gas, name, temperature=300.0):
     return gx.Tank(volume, gas=gas, pressure=pressure, temperature=temperature, name=name)
-
-
-def run_of(*items, dt: float) -> gx.Simulation:
-    return gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt))
 
 
 def masses(run: gx.Simulation, gases) -> np.ndarray:
