@@ -75,7 +75,7 @@ class Supports(CompiledTerms["Support"]):
         self._numbering = system.numbering
         self._moved: list[MovedCoordinates] = []
         self._angles: dict[str, Callable[[float], float]] = {}
-        # An equilibrium does not depend on how a body has turned.
+        # Pseudo-steps of an equilibrium are not a motion.
         if not system.rule.is_static:
             self._angles = {term.name: term.angle for term in terms if term.angle is not None}
         # Each coordinate is set by one support, so that its work counts once.  What is fixed at its
@@ -142,21 +142,6 @@ class Supports(CompiledTerms["Support"]):
         if self._shares:
             self.prescribe(q.copy(), t)
 
-    def check_turns(self, t: float, h: float) -> None:
-        """Refuse a step of h [s] from a time t [s] in which a support turns its body by half a turn
-        or more: coordinates show only the shorter way round.  Collective.
-
-        Raises:
-            Inadmissible: names the support; the step is then tried in parts.
-        """
-        for name, angle in self._angles.items():
-            turn = angle(t + h) - angle(t)
-            if abs(turn) >= math.pi:
-                raise Inadmissible(
-                    f"'{name}' turns by {turn:.3g} rad within {h:.3g} s, half a turn or more, so "
-                    "that its sense would be lost; give a shorter dt, or an angle without jumps"
-                )
-
     def sudden(self, v0: PETSc.Vec, t: float, h: float) -> list[str]:
         """Names of the supports whose motion begins, at a time t [s], at another rate than that of
         its coordinates in the velocities v0; h [s] is the length of the first step.  Collective."""
@@ -181,6 +166,21 @@ class Supports(CompiledTerms["Support"]):
         values = r.array
         self.reactions = values[self.held]
         values[self.held] = 0
+
+    def check_turns(self, t: float, h: float) -> None:
+        """Refuse a step of h [s] from a time t [s] in which a support turns its body by half a turn
+        or more: coordinates show only the shorter way round.  Collective.
+
+        Raises:
+            Inadmissible: names the support; the step is then tried in parts.
+        """
+        for name, angle in self._angles.items():
+            turn = angle(t + h) - angle(t)
+            if abs(turn) >= math.pi:
+                raise Inadmissible(
+                    f"'{name}' turns by {turn:.3g} rad within {h:.3g} s, half a turn or more, so "
+                    "that its sense would be lost; give a shorter dt, or an angle without jumps"
+                )
 
     def work(self, Δq: Array) -> float:
         """Work [J] that the moved supports supply in a step Δq, this rank's share."""
