@@ -500,7 +500,7 @@ class Checkpoints:
             scene: its description, see `scene_of`.
             restart: the checkpoint, or folder of some, from which the run continues, if any.
         """
-        tried = self.folder / "step" if self.folder.is_dir() else self.folder
+        tried = self.folder / ".step" if self.folder.is_dir() else self.folder
         make_parent(run.comm, tried, file=False)
         on_rank_zero(run.comm, lambda: self._check_free(restart))
         self._names = all_names(run.system)
