@@ -60,9 +60,7 @@ def thrown(X: np.ndarray) -> np.ndarray:
 
 def rolled(κ: float) -> Callable[[np.ndarray], np.ndarray]:
     """Displacements that roll a sheet to a cylinder of the curvature κ [1/m] along x."""
-    return lambda X: np.stack(
-        [np.sin(κ * X[0]) / κ - X[0], 0 * X[0], (1 - np.cos(κ * X[0])) / κ]
-    )
+    return lambda X: np.stack([np.sin(κ * X[0]) / κ - X[0], 0 * X[0], (1 - np.cos(κ * X[0])) / κ])
 
 
 def inwards(X: np.ndarray) -> np.ndarray:

@@ -173,7 +173,8 @@ def test_the_heat_counts_the_deformed_area():
     assert area > 1.05 * at_rest
     mean = (warm + one.bag.temperature) / 2
     # The gas is not taken quite in the middle of a step; its temperature changes by some kelvin.
-    assert one.run.totals.supplied - before == pytest.approx(1e-3 * area * (OUTSIDE - mean), rel=1e-4)
+    heat = one.run.totals.supplied - before
+    assert heat == pytest.approx(1e-3 * area * (OUTSIDE - mean), rel=1e-4)
 
 
 def test_a_restart_goes_on_with_the_same_heat(tmp_path: Path):

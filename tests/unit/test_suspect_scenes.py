@@ -358,7 +358,7 @@ def test_a_motor_that_jumps_is_named(comm) -> None:
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm)
     motor = gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: 4.0 * (t > 0))
     run = gx.Simulation(gx.Scene(motor), gx.Midpoint(dt=0.1))
-    with pytest.raises(gx.StepFailure, match="'motor' turns by 4 rad .*; give a shorter dt"):
+    with pytest.raises(gx.StepFailure, match=r"'motor' turns by 4 rad .*; give a shorter dt"):
         run.run(until=0.1)
 
 
