@@ -124,11 +124,13 @@ class Equilibrium:
         search.run(at, progress)
         external = float(self.system.external_forces().norm())
         self._largest_load = max(self._largest_load, external)
-        vanishing = VANISHING_LOAD * self._largest_load
-        if external > vanishing:
+        least = VANISHING_LOAD * self._largest_load
+        if not self.system.load_forces().norm():
+            # The reactions of a scene without loads are round-off, too.
+            least = max(least, search.newton.round_off)
+        is_unloaded = external <= least
+        if not is_unloaded:
             warn_of_lost_loads(search)
-        # Without loads the reactions of supports are round-off.
-        is_unloaded = external <= max(vanishing, search.newton.round_off)
         free, is_regular, unstable = assess(search, at)
         residual, load = search.unbalanced()
         is_within_tolerance = bool(residual <= self.search.tolerance)
