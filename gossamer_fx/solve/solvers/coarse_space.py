@@ -37,7 +37,7 @@ Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10
 without smoothing.
 
 Cost.  A flat film has nine coarse unknowns a patch and three unknowns a node, so that the coarse
-matrix has about 30 times fewer rows than A.  Its factorisation hardly divides among ranks, and one
+matrix has 16 to 33 times fewer rows than A.  Its factorisation hardly divides among ranks, and one
 by MUMPS on several ranks makes a hundred collective operations in each solution, 1520 of the 1680
 of a step of a sheet with 20 thousand unknowns.  Therefore every rank factorises the whole matrix,
 and a solution gathers one vector.  The V-cycle divides, except for its last level, which has nine
