@@ -97,7 +97,7 @@ MIN_UNKNOWNS_WITH_FRAMES = 40_000
 MAX_ITERATIONS = 6
 
 # The same with neither frames nor contact.  Of a sheet of 46 thousand unknowns in two tied halves a
-# factorisation costs as much as 35 iterations; six steps that end none take 0.47 of the time of
+# factorisation costs as much as 35 iterations; six steps that end none take 0.52 of the time of
 # factorisations alone, with a limit of 12 0.57, with 6 0.85.
 MAX_ITERATIONS_OF_TIES = 60
 
