@@ -3,7 +3,8 @@
 A dish of film hangs on 12 ties in a ring that is inflated within 0.2 s.  Dish and ties vibrate with
 periods below 5 ms, and nothing damps them.  A step that conserves energy keeps what it does not
 resolve: with dt = 5 ms the tension of a tie at the ends of steps is a quarter above its mean and
-then a quarter below it, and the taut part of the dish alternates, too.  This looks like physics, and is the step.
+then a quarter below it, and the taut part of the dish alternates, too.  This looks like physics,
+and is the step.
 
 The program runs the scene with several steps and prints, over the last 0.1 s, the mean of the taut
 part and of the tension of a tie, and how far neighbouring records lie apart: as means over the

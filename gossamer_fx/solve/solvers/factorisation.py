@@ -45,8 +45,8 @@ TINY = 1e-300
 TYPES = "lu", "cholesky"
 
 # Cells by which the incompletely factorised parts of several ranks overlap; without overlap the
-# Krylov iterations double.  On eight ranks, with the coarse matrix factorised, a step of a sheet with
-# 44 thousand unknowns takes 16 of them, with two cells 18, on one rank 13.
+# Krylov iterations double.  On eight ranks, with the coarse matrix factorised, a step of a sheet
+# with 44 thousand unknowns takes 16 of them, with two cells 18, on one rank 13.
 OVERLAP = 3
 
 # Unknowns up to which PETSc factorises blocks of three faster than MUMPS.  Of a square sheet with
