@@ -8,7 +8,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx import Equilibrium, NoEquilibrium
 from gossamer_fx.meshes.line import line
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
 STRETCHED = {"displacement": lambda X: 0.01 * X}
@@ -184,4 +184,14 @@ def test_unloading_is_not_blamed_for_its_round_off(comm, caplog):
     equilibrium = steel_cantilever(comm, 1e-2)
     for at in (0.0, 0.5, 1.0, 1.5, 2.0):
         assert equilibrium.find(at).within_tolerance
+    assert not caplog.records
+
+
+@pytest.mark.mpi
+def test_a_plate_without_loads_is_not_blamed_for_the_round_off_of_its_reactions(comm, caplog):
+    """It was "found to 2.9e-05 of the load", of which there is none."""
+    law = gx.Linear(70e9, 0.3, density=2700.0, thickness=5e-3)
+    plate = gx.Plate(sheet(comm, 4, 4), law)
+    edges = [gx.Fixed(plate, edge) for edge in EDGES]
+    assert gx.Equilibrium(gx.Scene(*edges)).find().within_tolerance
     assert not caplog.records

@@ -124,7 +124,11 @@ class Equilibrium:
         search.run(at, progress)
         external = float(self.system.external_forces().norm())
         self._largest_load = max(self._largest_load, external)
-        is_unloaded = external <= VANISHING_LOAD * self._largest_load
+        least = VANISHING_LOAD * self._largest_load
+        if not self.system.load_forces().norm():
+            # The reactions of a scene without loads are round-off, too.
+            least = max(least, search.newton.round_off)
+        is_unloaded = external <= least
         if not is_unloaded:
             warn_of_lost_loads(search)
         free, is_regular, unstable = assess(search, at)
