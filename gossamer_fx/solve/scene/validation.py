@@ -27,7 +27,7 @@ from gossamer_fx.core.mesh.quality import (
     open_seams,
     turned_inside,
 )
-from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh, unit
+from gossamer_fx.core.model.body import MeshBody, Vector, is_body, is_on_mesh
 from gossamer_fx.mechanics.bodies.frames import SAME_DIRECTION, bodies_of
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.connectors.torsion import AboutHinge
@@ -201,13 +201,18 @@ def _of_hinges(items: list[Any]) -> Iterator[str]:
             continue
         sides = set(bodies_of(item.a, item.b))
         near = [hinge for hinge in hinges if sides & set(bodies_of(hinge.a, hinge.b))]
-        across = [np.linalg.norm(np.cross(unit(item.axis), unit(hinge.axis))) for hinge in near]
-        if min(across, default=1.0) > SAME_DIRECTION:
+        if not any(_are_parallel(item.axis, hinge.axis) for hinge in near):
             yield (
                 f"'{item.name}' acts about the axis {item.axis}, about which no hinge of its "
                 "bodies turns, so that its angle has no meaning and energy does not close as soon "
                 "as they lean; add a RevoluteJoint of this axis, or give the axis of the hinge."
             )
+
+
+def _are_parallel(one: Vector, other: Vector) -> bool:
+    """Whether two directions of any length differ by round-off at most, or by their sign."""
+    sine = np.cross(one, other) / (np.linalg.norm(one) * np.linalg.norm(other))
+    return bool(np.linalg.norm(sine) <= SAME_DIRECTION)
 
 
 def _of_strain(body: MeshBody) -> Iterator[str]:
