@@ -440,22 +440,24 @@ class _PathNewton(Newton):
         Leaves the system at a shifted load factor.  Collective."""
         columns, rows, corner = self.system.coupling()
         base = None if self._is_at_point else self._linearisation_point
+        own = self.weight / self.scale
         try:
             forces, equations = self._rates(base)
         except InputError as refusal:
             if self._is_at_point:
                 raise
-            # The next residual ends the iteration.
+            # The next residual ends the iteration; up to there the matrix has to be regular.
             self._refusal = refusal
             forces = np.zeros(len(self.row))
             equations = np.zeros(len(corner))
+            own = 1.0
         columns.append(forces)
         rows.append(self.row / self.scale)
         count = len(corner)
         whole = np.zeros((count + 1, count + 1))
         whole[:count, :count] = corner
         whole[:count, count] = equations
-        whole[count, count] = self.weight / self.scale
+        whole[count, count] = own
         return columns, rows, whole
 
     def _rates(self, base: PETSc.Vec | None) -> tuple[Array, Array]:
