@@ -27,11 +27,8 @@ from gossamer_fx.core.mesh.quality import (
     open_seams,
     turned_inside,
 )
-from gossamer_fx.core.model.body import MeshBody, Vector, is_body, is_on_mesh
-from gossamer_fx.mechanics.bodies.frames import SAME_DIRECTION, bodies_of
+from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh
 from gossamer_fx.mechanics.bodies.meshed import Meshed
-from gossamer_fx.mechanics.connectors.torsion import AboutHinge
-from gossamer_fx.mechanics.constraints.joint import CylindricalJoint, RevoluteJoint
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -89,7 +86,8 @@ def warnings(items: list[Any]) -> Iterator[str]:
             yield from _of_strain(item)
         for holder in (item, getattr(item, "law", None)):
             yield from _of_numbers(item.name, holder)
-    yield from _of_hinges(items)
+        if hasattr(item, "warnings"):
+            yield from item.warnings(items)
 
 
 def _of_mesh(body: MeshBody) -> Iterator[str]:
@@ -184,35 +182,6 @@ def _of_numbers(name: str, holder: Any) -> Iterator[str]:
                 f"'{name}': {attribute} = {value:g} {unit} is unusual, "
                 f"{least:g} to {most:g} {unit} is not; numbers are in SI units."
             )
-
-
-def _of_hinges(items: list[Any]) -> Iterator[str]:
-    """Yield warnings about torsional springs, dampers and stops without a hinge about their axis.
-
-    The angle of such a spring is not that of a rotation as soon as one side leans against the
-    other.  A hinge of one of its sides with a third body is enough: mechanisms in a plane have a
-    ball joint where another hinge would be too much.
-    """
-    # A joint of a `HoldDown` is part of the scene by that item only.
-    joints = [getattr(item, "joint", item) for item in items]
-    hinges = [joint for joint in joints if isinstance(joint, RevoluteJoint | CylindricalJoint)]
-    for item in items:
-        if not isinstance(item, AboutHinge):
-            continue
-        sides = set(bodies_of(item.a, item.b))
-        near = [hinge for hinge in hinges if sides & set(bodies_of(hinge.a, hinge.b))]
-        if not any(_are_parallel(item.axis, hinge.axis) for hinge in near):
-            yield (
-                f"'{item.name}' acts about the axis {item.axis}, about which no hinge of its "
-                "bodies turns, so that its angle has no meaning and energy does not close as soon "
-                "as they lean; add a RevoluteJoint of this axis, or give the axis of the hinge."
-            )
-
-
-def _are_parallel(one: Vector, other: Vector) -> bool:
-    """Whether two directions of any length differ by round-off at most, or by their sign."""
-    sine = np.cross(one, other) / (np.linalg.norm(one) * np.linalg.norm(other))
-    return bool(np.linalg.norm(sine) <= SAME_DIRECTION)
 
 
 def _of_strain(body: MeshBody) -> Iterator[str]:
