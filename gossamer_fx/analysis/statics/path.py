@@ -676,9 +676,9 @@ class _Follower:
         return float(direction.dot(self._product))
 
     def _largest_move(self, direction: PETSc.Vec) -> float:
-        """The largest part of a direction in a coordinate that is not fixed [m].  Collective."""
-        parts = np.abs(direction.array_r)
-        parts[self._system.supports.held] = 0.0
+        """The largest part of a direction [m], of which `_mass_square` was asked last, in a
+        coordinate that has mass and is not fixed: multipliers do not count.  Collective."""
+        parts = np.abs(direction.array_r)[self._product.array_r != 0]
         largest = float(parts.max(initial=0.0))
         return float(self._system.comm.allreduce(largest, op=MPI.MAX))
 
@@ -800,8 +800,9 @@ class _Follower:
         branch = _Point(0.0, last.factor, direction, slope, last.unstable, turns=True)
         if not self._displacement_weight:
             # The load has moved nothing up to here: on the branch a length of one is a small move.
+            square = self._mass_square(direction)
             length = BRANCH_MOVE * system.initial.extent() / self._largest_move(direction)
-            self._displacement_weight = 1 / (self._mass_square(direction) * length**2)
+            self._displacement_weight = 1 / (square * length**2)
         self._unit(branch)
         # Central difference of the probe along the branch.
         here = system.q0.array_r.copy()
