@@ -476,22 +476,23 @@ def test_a_rigid_link_on_a_torsional_spring_leans_over(comm):
     and springs (3 ± √5)/2.  The load moves nothing before: the branch ended as a division by
     zero."""
     k = 2.0
-    l = 0.4
+    length = 0.4
     y = (0.0, 1.0, 0.0)
 
     def column(links):
         parts = []
         foot = gx.ground_frame()
         for j in range(links):
+            middle = (0, 0, (j + 0.5) * length)
             link = gx.RigidBody(
-                1.0, (0.01, 0.01, 0.01), position=(0, 0, (j + 0.5) * l), comm=comm, name=f"link {j}"
+                1.0, (0.01, 0.01, 0.01), position=middle, comm=comm, name=f"link {j}"
             )
-            sides = (foot, link.frame((0, 0, -l / 2)))
+            sides = (foot, link.frame((0, 0, -length / 2)))
             spring = gx.connectors.TorsionSpring(*sides, axis=y, stiffness=k, name=f"spring {j}")
             parts += [gx.constraints.RevoluteJoint(*sides, axis=y, name=f"hinge {j}"), spring]
-            foot = link.frame((0, 0, l / 2))
-        push = gx.loads.Force(link.port((0, 0, l / 2)), lambda t: (0.0, 0.0, -t * k / l))
-        top = gx.probes.Position(link.port((0, 0, l / 2)), "x")
+            foot = link.frame((0, 0, length / 2))
+        push = gx.loads.Force(link.port((0, 0, length / 2)), lambda t: (0.0, 0.0, -t * k / length))
+        top = gx.probes.Position(link.port((0, 0, length / 2)), "x")
         return gx.Equilibrium(gx.Scene(*parts, push)), {"top": top}
 
     equilibrium, probes = column(1)
@@ -499,7 +500,7 @@ def test_a_rigid_link_on_a_torsional_spring_leans_over(comm):
     (branch,) = found.branch_points
     assert found.loads[branch] == pytest.approx(1.0, abs=2e-4)
     angle = brentq(lambda angle: angle / math.sin(angle) - 1.5, 0.1, 3.0)
-    assert found.columns["top"][-1] == pytest.approx(l * math.sin(angle), rel=1e-8)
+    assert found.columns["top"][-1] == pytest.approx(length * math.sin(angle), rel=1e-8)
     equilibrium, probes = column(2)
     found = gx.analysis.path(equilibrium, 3.0, probes=probes)
     exact = [(3 - math.sqrt(5)) / 2, (3 + math.sqrt(5)) / 2]
