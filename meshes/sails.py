@@ -250,8 +250,7 @@ def _apothem(points: Points, n: int) -> Points:
     polygon of n sides, one of which is below: the largest over the sides."""
     angles = 2 * math.pi * np.arange(n) / n - math.pi / 2
     directions = np.array([np.cos(angles), np.sin(angles)])
-    distance: Points = (points[:, :2] @ directions).max(axis=1)
-    return distance
+    return (points[:, :2] @ directions).max(axis=1)
 
 
 def _nearest(points: Points, location: Points) -> Numbers:

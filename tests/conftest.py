@@ -58,8 +58,7 @@ def comm() -> MPI.Comm:
 @pytest.fixture
 def folder(tmp_path: Path, comm: MPI.Comm) -> Path:
     """An empty folder, the same one on every rank."""
-    path: Path = comm.bcast(tmp_path)
-    return path
+    return comm.bcast(tmp_path)
 
 
 @pytest.fixture(autouse=True)
@@ -107,8 +106,7 @@ def _generated_once() -> Iterator[None]:
         if key not in made:
             made[key] = pickle.dumps(in_child(raw, what, time_limit))
         # Never the same arrays twice.
-        found: RawMesh = pickle.loads(made[key])
-        return found
+        return pickle.loads(made[key])
 
     mesh.in_child = once
     yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,21 +31,22 @@ def at_rest(*items: Any, search: gx.analysis.Continuation | None = None) -> gx.E
     return equilibrium
 
 
-def run_until(
-    until: float,
-    *items: Any,
-    dt: float,
-    tolerances: gx.Tolerances | None = None,
-    **options: Any,
+def run_of(
+    *items: Any, dt: float, tolerances: gx.Tolerances | None = None, **options: Any
 ) -> gx.Simulation:
-    """The run of a scene of these items to a time [s], by the midpoint rule with steps of dt [s].
+    """A run of a scene of these items by the midpoint rule with steps of dt [s], before its start.
 
     Args:
         tolerances: of the steps, instead of the usual ones.
         options: further arguments of the simulation.
     """
     stepper = gx.Midpoint(dt=dt, tolerances=tolerances or gx.Tolerances())
-    run = gx.Simulation(gx.Scene(*items), stepper, **options)
+    return gx.Simulation(gx.Scene(*items), stepper, **options)
+
+
+def run_until(until: float, *items: Any, **options: Any) -> gx.Simulation:
+    """The run of `run_of` with these arguments to a time [s]."""
+    run = run_of(*items, **options)
     run.run(until=until)
     return run
 
@@ -54,6 +56,16 @@ def thrown(X: np.ndarray) -> np.ndarray:
     and slack."""
     x, y, _ = X
     return np.vstack([-5 * (y - 0.5), 5 * (x - 0.5), np.sin(np.pi * x) * np.sin(2 * np.pi * y)])
+
+
+def rolled(κ: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Displacements that roll a sheet to a cylinder of the curvature κ [1/m] along x."""
+    return lambda X: np.stack([np.sin(κ * X[0]) / κ - X[0], 0 * X[0], (1 - np.cos(κ * X[0])) / κ])
+
+
+def inwards(X: np.ndarray) -> np.ndarray:
+    """Velocities of 1 m/s towards the origin."""
+    return -X / np.linalg.norm(X, axis=0)
 
 
 def momentum_changes(run: gx.Simulation) -> tuple[float, float]:

@@ -35,8 +35,7 @@ class Samples:
         n = len(strains[0])
         for function, values in zip(self._strains, strains, strict=True):
             function.x.array[: 3 * n] = np.ravel(values)
-        values: Array = evaluate(self._compiled, SQUARE, np.arange(n, dtype=np.int32))
-        return values
+        return evaluate(self._compiled, SQUARE, np.arange(n, dtype=np.int32))
 
 
 def random_strains(n: int, size: float, seed: int) -> Array:

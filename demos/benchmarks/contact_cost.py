@@ -138,7 +138,6 @@ def contact_cost(vertices: int = 1000, part: float = 1.0, steps: int = 4) -> dic
     return {
         "vertices": contact_set.points.body_count,
         "touching": float(np.mean(touching)),
-        "acting": comm.allreduce(contact_set.forces.acting_count),
         "iteration [ms]": with_contact,
         "alone [ms]": alone,
         "ratio": with_contact / alone,

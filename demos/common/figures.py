@@ -63,8 +63,7 @@ def corners_at(film: gx.Membrane, positions: Array) -> Array:
     # A reduced film has the positions of the film that was reduced.
     space = film.full.space
     owned = space.mesh.topology.index_map(2).size_local
-    corners: Array = positions[space.dofmap.list[:owned, :3]]
-    return corners
+    return positions[space.dofmap.list[:owned, :3]]
 
 
 def flat_triangles(film: gx.Membrane) -> Array:

@@ -22,8 +22,7 @@ def stretching(side: float, strain: float) -> Callable[[Array], Array]:
     middle = np.array([[side / 2], [side / 2], [0.0]])
 
     def displacement(X: Array) -> Array:
-        moved: Array = (1 + strain) * (X - middle) - X
-        return moved
+        return (1 + strain) * (X - middle) - X
 
     return displacement
 

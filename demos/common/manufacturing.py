@@ -168,8 +168,7 @@ class UnevenZigzag(gx.fold.Zigzag):
     def _panel_of(self, X: Array) -> Array:
         """Number of the panel (n,) and the share of it that lies before points X (n, 3), from 0 to
         `panels`."""
-        numbers: Array = np.interp(X[:, 0], self._ends, np.arange(self.panels + 1.0))
-        return numbers
+        return np.interp(X[:, 0], self._ends, np.arange(self.panels + 1.0))
 
     def thickness(self, X: Array) -> Array:
         """Half of the distance (n,) [m] of the sheets: a pillow in each panel."""

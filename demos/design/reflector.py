@@ -177,8 +177,7 @@ def changes(film: gx.Membrane, polynomials: int) -> Array:
 def deviation(film: gx.Membrane, equilibrium: gx.Equilibrium) -> Array:
     """Distance (n,) [m] along z of the inflated film from the paraboloid, at the owned nodes."""
     x = equilibrium.system.state[film].positions()
-    height: Array = x[:, 2] - paraboloid(np.hypot(x[:, 0], x[:, 1]))
-    return height
+    return x[:, 2] - paraboloid(np.hypot(x[:, 0], x[:, 1]))
 
 
 def root_mean_square(comm: MPI.Intracomm, values: Array) -> float:

@@ -185,8 +185,7 @@ def array(factors: int) -> Array:
     of levels occur equally often.
     """
     bits = np.array(list(product((0, 1), repeat=factors.bit_length())))
-    levels: Array = bits @ bits[1:].T % 2
-    return levels
+    return bits @ bits[1:].T % 2
 
 
 def cases(length: float) -> dict[str, list[Any]]:

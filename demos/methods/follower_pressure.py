@@ -87,8 +87,7 @@ def closed_form(n: Array, dead: bool = False) -> Array:
     mass = FILM.density * FILM.thickness
     square = PRESSURE / (mass * RADIUS) * (n**2 - 1) / (n**2 + 1)
     square = square * (n**2 - 1) if dead else square * n**2
-    found: Array = np.sqrt(square) / (2 * np.pi)
-    return found
+    return np.sqrt(square) / (2 * np.pi)
 
 
 def frequencies(comm: MPI.Intracomm, dead: bool, around: int) -> Array:

@@ -165,8 +165,7 @@ def formula(u: Array) -> Array:
     mirrored, both, along = JPL_SAIL.coefficients()
     area = (SIDE * (1 - SLACK)) ** 2
     away = np.array([0.0, 0.0, -1.0])
-    force: Array = PRESSURE * area * cosine * ((mirrored * cosine + both) * away + along * u)
-    return force
+    return PRESSURE * area * cosine * ((mirrored * cosine + both) * away + along * u)
 
 
 def draw(table: Table, path: Path) -> None:

@@ -118,8 +118,7 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
     over rms."""
 
     def damped(t: Array, δ: float, ω: float, a: float, b: float, c: float) -> Array:
-        swing: Array = np.exp(-δ * t) * (a * np.cos(ω * t) + b * np.sin(ω * t)) + c
-        return swing
+        return np.exp(-δ * t) * (a * np.cos(ω * t) + b * np.sin(ω * t)) + c
 
     # Times just before the swing changes sign; two in a row are half a period apart.
     zeros = t[:-1][np.diff(np.sign(s)) != 0]

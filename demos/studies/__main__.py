@@ -32,21 +32,24 @@ BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTA
 
 def study_of(name: str) -> Study:
     """The study of a module of this folder."""
-    found: Study = importlib.import_module(f"demos.studies.{name}").STUDY
-    return found
+    return importlib.import_module(f"demos.studies.{name}").STUDY
 
 
 def write_page(summaries: dict[str, list[list[str]]]) -> None:
-    """Replace the rows of full studies in the table of the page."""
+    """Replace the rows of full studies whose results differ from those in the table of the page:
+    run times differ each time, and alone leave the page as it is."""
     page = PAGE.read_text(encoding="utf-8")
     old = BETWEEN.search(page)
     lines = old[0].strip().splitlines() if old is not None else []
-    kept: dict[str, list[list[str]]] = {}
+    found: dict[str, list[list[str]]] = {}
     # The first two lines are the headings.
     for line in lines[2:]:
         cells = [cell.strip() for cell in line.split("|")[1:-1]]
-        kept.setdefault(cells[0], []).append(cells)
-    found = kept | summaries
+        found.setdefault(cells[0], []).append(cells)
+    for name, rows in summaries.items():
+        # The last column is the run time.
+        if [row[:-1] for row in rows] != [row[:-1] for row in found.get(name, [])]:
+            found[name] = rows
     table = markdown_table([SUMMARY_HEAD, *(row for name in sorted(found) for row in found[name])])
     PAGE.write_text(BETWEEN.sub(lambda match: f"\n{table}\n", page), encoding="utf-8")
 

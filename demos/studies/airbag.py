@@ -59,8 +59,7 @@ def airbag(
 def displacement(film: gx.Membrane, search: gx.Equilibrium, point: str) -> np.ndarray:
     """Of a named point [m]."""
     port = film.port(point)
-    moved: np.ndarray = search.system.state.vector(port) - port.initial()
-    return moved
+    return search.system.state.vector(port) - port.initial()
 
 
 def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:

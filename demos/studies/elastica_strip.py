@@ -173,8 +173,7 @@ def line(body: gx.Membrane, search: gx.Equilibrium, y: float) -> Array:
     parts = body.comm.allgather(mine)
     # Nodes that two ranks share are known to both.
     _, first = np.unique(np.round(np.concatenate(parts)[:, 0], 9), return_index=True)
-    rows: Array = np.concatenate(parts)[first]
-    return rows
+    return np.concatenate(parts)[first]
 
 
 def simpson(rows: Array) -> float:

@@ -87,8 +87,7 @@ class MeanRadius:
 
     def _points(self, run: Any) -> Array:
         """Positions (n, 2) of the ports in the plane, on all ranks."""
-        points: Array = run.system.state.vectors(self._ports)[:, :2]
-        return points
+        return run.system.state.vectors(self._ports)[:, :2]
 
     def value(self, run: Any) -> float:
         """The mean of the radii in the present state of a run."""
@@ -226,8 +225,7 @@ def _errors(
         differences.append(changed.result(changed.run) - value)
     predicted = change * slopes
     largest = np.maximum.accumulate(np.abs(predicted))
-    errors: Array = np.abs(np.array(differences) - predicted) / largest
-    return errors
+    return np.abs(np.array(differences) - predicted) / largest
 
 
 def warned(times: Array, growths: Array) -> dict[str, float]:

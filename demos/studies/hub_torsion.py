@@ -71,8 +71,7 @@ class Solution:
         """Larger principal stress [Pa] at radii r (n,)."""
         σ_r = np.sqrt(np.maximum(self.k2 - (self.c / r) ** 2, 0.0)) / r
         wrinkled = σ_r + (self.c / r**2) ** 2 / np.maximum(σ_r, 1e-9 * self.A)
-        σ1: np.ndarray = np.where(r < self.R, wrinkled, self.A + np.hypot(self.B, self.c) / r**2)
-        return σ1
+        return np.where(r < self.R, wrinkled, self.A + np.hypot(self.B, self.c) / r**2)
 
 
 @cache

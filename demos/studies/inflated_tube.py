@@ -54,8 +54,7 @@ def stretches(film: gx.Membrane, search: gx.Equilibrium) -> tuple[float, float]:
     middle = abs(X[:, 0] / LENGTH - 0.5) < 0.125
 
     def sums(values: Array) -> Array:
-        total: Array = film.comm.allreduce(values.sum(axis=0))
-        return total
+        return film.comm.allreduce(values.sum(axis=0))
 
     n = float(sums(np.ones(middle.sum())))
     # About the mean of the middle part, as nothing holds the tube.

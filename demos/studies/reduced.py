@@ -168,8 +168,7 @@ def angular_momentum(
 ) -> Array:
     """Angular momentum (3,) [kg m²/s] about the centre, for positions and velocities (n, 3)."""
     momenta = mass_times(sail, v[:, :, None])[:, :, 0]
-    total: Array = comm.allreduce(np.cross(x - CENTRE, momenta).sum(axis=0))
-    return total
+    return comm.allreduce(np.cross(x - CENTRE, momenta).sum(axis=0))
 
 
 def projected(comm: MPI.Intracomm, modes: int) -> dict[str, float]:

@@ -146,22 +146,18 @@ class StateView(Protocol):
     @property
     def time(self) -> float:
         """Time of the state [s], or load parameter in the unit of the axis."""
-        ...
 
     @property
     def totals(self) -> Totals:
         """Energies [J], momenta and masses [kg] of the state."""
-        ...
 
     @property
     def account(self) -> Account:
         """How the state was made."""
-        ...
 
     @property
     def chambers(self) -> Mapping[str, Any]:
         """State of the gas in each chamber and tank by name, see `gas.contract.ChamberState`."""
-        ...
 
     def chamber(self, name: str) -> Any:
         """State of the gas in one chamber, see `gas.contract.ChamberState`.
@@ -169,7 +165,6 @@ class StateView(Protocol):
         Raises:
             InputError: the scene has no chamber of this name.
         """
-        ...
 
 
 class ForSystem[T]:

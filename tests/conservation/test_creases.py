@@ -229,7 +229,7 @@ BAD = {
     ),
     "no group": (
         lambda film: gx.connectors.Crease(film, "fold", stiffness=1e-3),
-        "The mesh has no group 'fold'",
+        "on 'film': the mesh has no group 'fold'",
     ),
     "stiffness": (
         lambda film: gx.connectors.Crease(film, "crease", stiffness=-1e-3),

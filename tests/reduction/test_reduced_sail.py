@@ -252,7 +252,7 @@ def test_what_cannot_be_reduced_is_told_in_one_sentence(recorded) -> None:
     other.positions.append(np.zeros((1, 3)))
     with pytest.raises(gx.InputError, match="another mesh"):
         gx.reduction.reduce(film, [other], modes=1)
-    with pytest.raises(gx.InputError, match=r"has no group 'left'.*port_at"):
+    with pytest.raises(gx.InputError, match=r"'.*: a reduced film has no group 'left'.*port_at"):
         gx.Scene(gx.Fixed(gx.reduction.reduce(film, [shapes], modes=3), "left")).compile()
 
 

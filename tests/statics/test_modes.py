@@ -52,6 +52,9 @@ def test_square_film_under_tension(comm, order, cells, tolerance):
     measured = [mode.frequency for mode in found]
     assert measured == pytest.approx([6.363363, 10.06136, 10.06136, 12.726726], rel=tolerance)
     assert max(mode.growth for mode in found) < 1e-6
+    # Modes are the nearest to a frequency, not those above it.
+    [nearest] = modes(equilibrium, 1, above=1.01 * measured[0])
+    assert nearest.frequency == pytest.approx(measured[0], rel=1e-6)
     assert len(found[0].shape) == equilibrium.system.numbering.size_local
 
 

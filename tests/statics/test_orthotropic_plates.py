@@ -17,7 +17,7 @@ from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import cell_axes
 from meshes.plates import irregular_sheet
 from meshes.sheet import EDGES, sheet
-from tests.small_scenes import at_rest, momentum_changes, run_until
+from tests.small_scenes import at_rest, momentum_changes, rolled, run_until
 
 WORLD = MPI.COMM_WORLD
 # Pa: ten to one.
@@ -91,17 +91,13 @@ def test_a_cylinder_has_the_energy_of_its_direction(comm, angle: float, given) -
     """½ D_nn κ² per area, and the moment D_nn κ along the curved direction."""
     # 1/m: an arc of 2 rad.
     κ = 2.0
-
-    def rolled(X: np.ndarray) -> np.ndarray:
-        return np.stack([np.sin(κ * X[0]) / κ - X[0], 0 * X[0], (1 - np.cos(κ * X[0])) / κ])
-
     errors = []
     for n in (8, 16):
         plate = gx.Plate(
             sheet(comm, n, n // 4, 1.0, 0.25),
             law(angle),
             bending=given,
-            displacement=rolled,
+            displacement=rolled(κ),
         )
         energy = gx.Scene(plate).compile().totals().stored["plate bending"]
         errors.append(abs(energy / (stiffness_along(angle, given) * κ**2 / 2 * 0.25) - 1))
@@ -144,14 +140,10 @@ def test_frequencies_of_a_simply_supported_plate(given) -> None:
 def test_a_plate_without_moments_keeps_its_rest_curvature(comm) -> None:
     """Rolled to its rest curvature it has no energy and no moments, whatever its axes."""
     κ = 2.0
-
-    def rolled(X: np.ndarray) -> np.ndarray:
-        return np.stack([np.sin(κ * X[0]) / κ - X[0], 0 * X[0], (1 - np.cos(κ * X[0])) / κ])
-
     plate = gx.Plate(
         sheet(comm, 16, 4, 1.0, 0.25),
         law(0.5),
-        displacement=rolled,
+        displacement=rolled(κ),
         rest_curvature=np.diag((κ, 0.0, 0.0)),
     )
     energy = gx.Scene(plate).compile().totals().stored["plate bending"]

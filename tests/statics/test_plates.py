@@ -21,7 +21,7 @@ from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.records.fields.fields import FieldFunctions
-from tests.small_scenes import at_rest
+from tests.small_scenes import at_rest, rolled
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
@@ -103,13 +103,13 @@ def test_the_energy_of_a_cylinder_is_that_of_its_curvature():
     κ = 2.0
     errors = []
     Q, _ = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))
+
+    def rolled_and_turned(X):
+        return Q @ (X + rolled(κ)(X)) - X
+
     for n in (8, 16):
-
-        def rolled(X):
-            shape = np.stack([np.sin(κ * X[0]) / κ, X[1], (1 - np.cos(κ * X[0])) / κ])
-            return Q @ shape - X
-
-        plate = gx.Plate(irregular_sheet(WORLD, n, n // 4, 1.0, 0.25), LAW, displacement=rolled)
+        mesh = irregular_sheet(WORLD, n, n // 4, 1.0, 0.25)
+        plate = gx.Plate(mesh, LAW, displacement=rolled_and_turned)
         energy = gx.Scene(plate).compile().totals().stored["plate bending"]
         errors.append(abs(energy / (LAW.E * LAW.thickness**3 / 12 / 0.91 * κ**2 * 0.25 / 2) - 1))
     # As for the cylinder of an orthotropic plate.
@@ -248,17 +248,13 @@ def test_bad_plates_are_refused_in_one_sentence(make, words):
 def test_curvature_and_moment_of_a_cylinder_are_fields(comm):
     """κ = 2/m along x, moments D κ and ν D κ; a rest curvature of as much leaves none."""
     κ = 2.0
-
-    def rolled(X):
-        return np.stack([np.sin(κ * X[0]) / κ - X[0], 0 * X[0], (1 - np.cos(κ * X[0])) / κ])
-
     # D of ν = 0.3.
     D = LAW.E * LAW.thickness**3 / 12 / 0.91
     for rest, moment in ((None, D * κ), (np.diag((κ, 0.0, 0.0)), 0.0)):
         plate = gx.Plate(
             sheet(comm, 16, 4, 1.0, 0.25),
             LAW,
-            displacement=rolled,
+            displacement=rolled(κ),
             rest_curvature=rest,
         )
         fields = FieldFunctions(

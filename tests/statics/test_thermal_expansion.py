@@ -314,7 +314,7 @@ def test_films_refuse_expansions_of_other_bodies(comm, arguments, words: str) ->
 @pytest.mark.parametrize(
     ("temperature", "words"),
     [
-        ({"nowhere": 5.0}, "The mesh has no group 'nowhere'"),
+        ({"nowhere": 5.0}, "its temperature: the mesh has no group 'nowhere'"),
         ({"left": 5.0}, "the group 'left' has dimension 1; name a group of the cells"),
         (lambda X, t: np.zeros(3), "it must return finite numbers"),
         (lambda X, t: np.nan * X[0], "finite numbers"),

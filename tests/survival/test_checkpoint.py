@@ -174,6 +174,30 @@ def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
 
 
 @pytest.mark.mpi
+def test_the_first_checkpoint_makes_the_folder(folder: Path) -> None:
+    """A program that ends before the start is recorded leaves no empty folder."""
+    saves = folder / "saves"
+    run = gx.Simulation(
+        fluttering_sheet(COMM), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(saves)
+    )
+    COMM.barrier()
+    assert not saves.exists()
+    COMM.barrier()
+    run.run(until=DT)
+    COMM.barrier()
+    assert sorted(path.name for path in saves.iterdir()) == ["step-00000000", "step-00000001"]
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "saves").write_text("precious")
+    for path in (tmp_path / "saves", tmp_path / "saves" / "more"):
+        with pytest.raises(gx.InputError, match="saves"):
+            gx.Simulation(
+                fluttering_sheet(COMM), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(path)
+            )
+
+
+@pytest.mark.mpi
 def test_minutes(folder: Path) -> None:
     """A checkpoint after every step, as each takes longer than a microminute."""
     run = gx.Simulation(

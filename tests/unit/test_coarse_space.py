@@ -18,7 +18,7 @@ from gossamer_fx.core.checks.errors import NotConverged
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.solve.solvers import coarse_space
+from gossamer_fx.solve.solvers import coarse_space, two_level
 from gossamer_fx.solve.solvers.coarse_space import NODES_PER_PATCH, groups, patches, prolongation
 from gossamer_fx.solve.solvers.two_level import TwoLevel
 from tests.small_scenes import WRINKLING
@@ -245,6 +245,25 @@ def test_levels_of_fill_rise_when_a_solve_takes_long(comm):
     run.run(until=8e-3)
     assert "6 levels" in run.solver.newton.summary()
     assert run.solver.newton.linear_iterations < 7 * run.iterations and run.substeps == 0
+
+
+@pytest.mark.mpi
+def test_most_fill_serves_for_the_rest_of_a_step(comm, monkeypatch):
+    """A step begins with less of it, as hard steps are few."""
+    monkeypatch.setattr(two_level, "MORE_FILL_ABOVE", 0)
+    monkeypatch.setattr(two_level, "MOST_FILL_ABOVE", 0)
+    chosen = []
+    choose_fill = TwoLevel._choose_fill
+
+    def note(self, levels):
+        chosen.append(levels)
+        choose_fill(self, levels)
+
+    monkeypatch.setattr(TwoLevel, "_choose_fill", note)
+    run = simulation(comm, 40)
+    run.run(until=2e-3)
+    assert run.iterations >= 6
+    assert chosen == [2, 6, 10, 6, 10]
 
 
 def test_options_choose_another_preconditioner(comm):

@@ -166,8 +166,7 @@ def solution(pc: PETSc.PC, right: np.ndarray) -> np.ndarray:
     x, b = pc.getOperators()[0].createVecs()
     b.array[:] = right
     pc.apply(b, x)
-    found: np.ndarray = x.array_r.copy()
-    return found
+    return x.array_r.copy()
 
 
 @pytest.mark.parametrize("has_suitesparse", [True, False])

@@ -18,17 +18,13 @@ from gossamer_fx.mechanics.gas.compiled_balance import CompiledBalance
 from gossamer_fx.mechanics.gas.openings import friction_parameter, isentropic_flow
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import HELIUM
-from tests.small_scenes import AIR
+from tests.small_scenes import AIR, inwards, run_of
 
 OUTSIDE = gx.gas.Ambient(1e5, 300.0, name="outside")
 
 
 def tank(pressure, name="tank", volume=0.01):
     return gx.Tank(volume, gas=AIR, pressure=pressure, temperature=300.0, name=name)
-
-
-def run_of(*items, dt: float, **options) -> gx.Simulation:
-    return gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
 
 
 # ---- valves --------------------------------------------------------------------------------------
@@ -316,9 +312,6 @@ def test_gradients_through_a_porous_film_are_those_of_differences():
     leaks."""
 
     def of(thickness):
-        def inwards(X):
-            return -X / RADIUS
-
         law = gx.Linear(E=1e7, nu=0.3, density=1000.0, thickness=thickness)
         film = gx.Membrane(sphere(MPI.COMM_SELF, RADIUS, 4), law, velocity=inwards, name="film")
         outside = gx.gas.Ambient(1e5, 300.0, name="outside")

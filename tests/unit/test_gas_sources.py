@@ -11,14 +11,11 @@ import gossamer_fx as gx
 from gossamer_fx.mechanics.gas.balance import Balance
 from gossamer_fx.presets.gases import HELIUM, HOT_NITROGEN, NITROGEN
 from tests.rates import observed_order
+from tests.small_scenes import run_of
 
 
 def tank(pressure, gas=NITROGEN, name="tank", volume=0.01):
     return gx.Tank(volume, gas=gas, pressure=pressure, temperature=300.0, name=name)
-
-
-def run_of(*items, dt: float, **options) -> gx.Simulation:
-    return gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
 
 
 def closes(run) -> bool:

@@ -13,6 +13,7 @@ import pytest
 from dolfinx import fem
 from mpi4py import MPI
 
+import gossamer_fx as gx
 from gossamer_fx import InputError, Membrane, Mesh, Miyazaki, gmsh_mesh, read_mesh
 from gossamer_fx.meshes import antenna, disc, plates, revolved, sails, tube_section
 from gossamer_fx.meshes.airbag import airbag
@@ -26,6 +27,7 @@ from gossamer_fx.meshes.tube import flat_tube
 from tests.hanging import HANG_TIMEOUT
 
 LAW = Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+AIR = {"gas": gx.presets.gases.AIR, "pressure": 1e5, "temperature": 300.0}
 
 
 def count(mesh: Mesh, name: str) -> int:
@@ -169,6 +171,26 @@ def test_cells_that_cannot_be_are_told(comm, cells, culprit):
 def test_unknown_group_is_told_with_the_known_ones(comm):
     with pytest.raises(InputError, match=r"no group 'lid'.*bottom.*film"):
         sheet(comm, 2, 2).group("lid")
+
+
+@pytest.mark.mpi(1)
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda film: film.ports("lid"),
+        lambda film: gx.Fixed(film, "lid"),
+        lambda film: gx.Tie(film, gx.Membrane(film.mesh, LAW), group_a="lid", group_b="left"),
+        lambda film: gx.Tie(gx.Membrane(film.mesh, LAW), film, group_a="left", group_b="lid"),
+        lambda film: gx.loads.EdgeLoad(film, "lid", normal_force=1.0),
+        lambda film: gx.connectors.Crease(film, "lid", stiffness=1.0),
+        lambda film: gx.Scene(gx.Chamber(film, surface=("lid",), **AIR)).compile(),
+        lambda film: gx.Membrane(film.mesh, LAW, properties={"E": {"lid": 1.0}}, name="sail"),
+    ],
+)
+def test_a_body_without_a_group_is_named(comm, use):
+    film = gx.Membrane(sheet(comm, 2, 2), LAW, name="sail")
+    with pytest.raises(InputError, match=r"'sail'.*: the mesh has no group 'lid'; .*bottom.*film"):
+        use(film)
 
 
 @pytest.mark.mpi

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+import demos.studies.__main__ as command
 from demos.studies.__main__ import NAMES, PAGE, study_of
 from demos.studies.engine.study import Measure, Study, no_order
 from gossamer_fx import InputError, NoEquilibrium
@@ -186,3 +187,19 @@ def test_the_page_lists_all_studies_that_declare_measures():
     listed = {line.split("|")[1].strip() for line in part.splitlines() if line.startswith("| ")}
     declared = {name for name in NAMES if study_of(name).measures}
     assert declared <= listed
+
+
+def test_the_page_changes_with_results_only(tmp_path, monkeypatch):
+    page = tmp_path / "summary.md"
+    before = PAGE.read_text(encoding="utf-8")
+    page.write_text(before, encoding="utf-8")
+    monkeypatch.setattr(command, "PAGE", page)
+    rows = [line.split(" | ") for line in before.splitlines() if line.startswith("| crease |")]
+    row = ["crease", *rows[0][1:4], "99"]
+    other = ["crease", *rows[1][1:4], "99"]
+    command.write_page({"crease": [row, other]})
+    assert page.read_text(encoding="utf-8") == before
+    command.write_page({"crease": [row]})
+    after = page.read_text(encoding="utf-8")
+    assert "| 99 |" in after
+    assert len(after.splitlines()) == len(before.splitlines()) - 1

@@ -21,6 +21,7 @@ from gossamer_fx.core.mesh.quality import folded_in_plane
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleBoundary, ObstacleSolid
 from gossamer_fx.mechanics.gas.enclosure import label_components
 from gossamer_fx.meshes.arrays import mesh_of_arrays
+from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 from tests.small_scenes import at_rest
@@ -340,6 +341,34 @@ def driven(comm: MPI.Intracomm, spin: float, rate: float) -> gx.constraints.Driv
 def lifted(comm: MPI.Intracomm, height: Callable[[float], float]) -> gx.Fixed:
     """A film whose left edge, on one rank perhaps none of the edge, rises to a height [m] of t."""
     return gx.Fixed(film(comm), "left", motion=lambda X, t: 0 * X + [[0], [0], [height(t)]])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("dt", "rejected"), [(0.3, 0), (0.4, 1), (0.8, 3)])
+def test_a_step_of_half_a_turn_or_more_is_divided(comm, dt: float, rejected: int) -> None:
+    """Both ends of a step of 4 rad would be those of 2.3 rad backwards."""
+    motor = driven(comm, 10.0, 1.0)
+    run = gx.Simulation(gx.Scene(motor), gx.Midpoint(dt=dt))
+    run.run(until=dt)
+    assert run.substeps == rejected
+    assert gx.probes.AngularMomentum(axis="z")(run) > 10.0
+
+
+def test_a_motor_that_jumps_is_named(comm) -> None:
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm)
+    motor = gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: 4.0 * (t > 0))
+    run = gx.Simulation(gx.Scene(motor), gx.Midpoint(dt=0.1))
+    with pytest.raises(gx.StepFailure, match=r"'motor' turns by 4 rad .*; give a shorter dt"):
+        run.run(until=0.1)
+
+
+def test_a_step_that_twists_a_beam_by_half_a_turn_or_more_is_divided(comm) -> None:
+    section = gx.sections.tube(0.02, 5e-4, E=1e6, nu=0.3, density=1560.0)
+    beam = gx.Beam(line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 2), section)
+    turned = gx.Fixed(beam, "start", twist=lambda t: 10.0 * t)
+    run = gx.Simulation(gx.Scene(turned), gx.Midpoint(dt=0.4))
+    run.run(until=0.4)
+    assert run.substeps == 1
 
 
 @pytest.mark.mpi

@@ -41,19 +41,15 @@ class Source(Protocol):
 
     def values(self) -> dict[str, Array]:
         """Present values (k,) of the parameters by name, of this rank."""
-        ...
 
     def is_distributed(self, name: str) -> bool:
         """Whether each rank has its own part of the values of a parameter."""
-        ...
 
     def set(self, values: Mapping[str, Array]) -> None:
         """Give the parameters other values.  Collective."""
-        ...
 
     def gradient(self, objective: Any) -> Gradient:
         """A result and its derivatives with the present values.  Collective."""
-        ...
 
 
 class EquilibriumSource:

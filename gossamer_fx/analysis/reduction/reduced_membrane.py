@@ -63,10 +63,10 @@ class WeightedMeasure:
 class SampledMesh(Mesh):
     """The mesh of the sampled cells, without named groups: the groups' cells may not be in it."""
 
-    def group(self, name: str) -> Any:
+    def group(self, name: str, user: str = "group") -> Any:
         """Refuse a group of cells or nodes by name: its cells may not be among the sampled ones."""
         raise InputError(
-            f"A reduced film has no group '{name}': "
+            f"{user}: a reduced film has no group '{name}'; "
             "supports, creases and loads on groups need the film itself; "
             "tie points of a reduced one by `port_at`."
         )

@@ -38,13 +38,11 @@ class Objective(Protocol):
 
     def __call__(self, run: Any) -> float:
         """The result in the present state, the same on every rank."""
-        ...
 
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
         """Add ∂J/∂q and ∂J/∂v of the present state to vectors of the system."""
-        ...
 
 
 @runtime_checkable
@@ -53,7 +51,6 @@ class FormObjective(Protocol):
 
     def forms(self, system: System) -> list[ufl.Form]:
         """Forms whose sum, at `coordinates[body].q1`, is the part of the result with parameters."""
-        ...
 
 
 @runtime_checkable
@@ -62,7 +59,6 @@ class ScalarObjective(Protocol):
 
     def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
         """Add ∂J/∂y of the present state, y the scalar unknowns of the system in their order."""
-        ...
 
 
 @check_arguments

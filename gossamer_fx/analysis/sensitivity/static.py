@@ -49,11 +49,9 @@ class SolvedEquilibrium(Protocol):
     @property
     def system(self) -> System:
         """The compiled scene in the equilibrium."""
-        ...
 
     def need(self, what: str) -> None:
         """Raise `InputError` unless an equilibrium was found."""
-        ...
 
 
 @check_arguments

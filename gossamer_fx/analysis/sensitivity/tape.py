@@ -44,17 +44,14 @@ class RunToRecord(Protocol):
     @property
     def system(self) -> System:
         """The compiled scene."""
-        ...
 
     @property
     def stepper(self) -> Any:
         """The time stepper."""
-        ...
 
     @property
     def solver(self) -> StepSolver:
         """The time stepper at work, which makes steps again."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

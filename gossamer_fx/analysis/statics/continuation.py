@@ -226,7 +226,7 @@ class Search:
         self._zero = numbering.vector()  # increment predicted, and velocity after a step
         self._residual = numbering.vector()
         self._start = numbering.vector()  # coordinates at the start of a search
-        self._scene_size = self._measure_scene()
+        self._scene_size = max(system.initial.extent(), MIN_SCENE_SIZE)
         self._resists_compression = any(
             isinstance(term, StoredEnergy) and term.pulling for term in system.terms
         )
@@ -469,15 +469,6 @@ class Search:
             tensions = likely_tensions(system)
         for active_set in system.active_sets:
             active_set.set_static_load(load, tensions)
-
-    def _measure_scene(self) -> float:
-        """Largest coordinate of the initial state [m]: the size of the scene and its distance from
-        the origin."""
-        largest = 0.0
-        for body in self.system.bodies:
-            positions = body.initial_state()[0]
-            largest = max(largest, float(np.abs(positions).max(initial=0.0)))
-        return max(self.comm.allreduce(largest, op=MPI.MAX), MIN_SCENE_SIZE)
 
     def _check_displacement(self) -> None:
         """Check that nothing flies off: what is not held moves the farther, the longer the

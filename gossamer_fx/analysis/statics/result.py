@@ -36,8 +36,8 @@ class EquilibriumResult:
     """An equilibrium and how it was found.
 
     Attributes:
-        residual: unbalanced force over that of loads and supports; where there are none, over a
-            thousand times the round-off of the inner forces.
+        residual: unbalanced force over that of loads and supports, or over a thousand times the
+            round-off of the inner forces where that is more, e.g. without loads.
         iterations: Newton iterations, including those of failed pseudo-steps.
         steps: pseudo-steps, including failed ones.
         cuts: failed pseudo-steps.
@@ -52,8 +52,8 @@ class EquilibriumResult:
         unstable: number of negative eigenvalues of the stiffness: zero in a stable equilibrium; -1
             where it is not known: the equilibrium is not regular, gas flows, or loads make the
             stiffness unsymmetric.
-        within_tolerance: whether the residual reached the tolerance of the search.  Otherwise
-            round-off of the inner forces has ended it earlier.
+        within_tolerance: whether the residual reached the tolerance of the search, or without loads
+            the round-off of the inner forces.  Otherwise that round-off has ended it earlier.
         prestress: of the films, cables and beams that have one, by their names: which stress or
             tension was asked for, and which is left.
 
@@ -162,7 +162,7 @@ def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
         LOG.warning("%s", lost)
     if not result.within_tolerance:
         LOG.warning(
-            "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: "
+            "The equilibrium has a residual of %.1e, above the tolerance %.1e: "
             "the inner forces have a round-off of %.1e N.",
             result.residual,
             search.options.tolerance,

@@ -184,7 +184,7 @@ def modes(
         count: number of modes.
         spin: ω of the frame [rad/s].  The scene then contains `Centrifugal` forces of the same
             spin on the bodies that turn.
-        above: frequency [Hz]; the default finds the lowest modes.
+        above: frequency [Hz], of which modes below count, too; the default finds the lowest modes.
 
     Raises:
         InputError: a value is out of its range, the scene has gas in a turning frame, no

@@ -56,23 +56,18 @@ class Map(Protocol):
 
     def place(self, X: Array, side: Array) -> Array:
         """Folded positions (n, 3) [m] of points X (n, 3) on sheets `side` (n,)."""
-        ...
 
     def pressed(self) -> Map:
         """The same folds without any distance of layers."""
-        ...
 
     def ajar(self) -> Map:
         """The same folds with no fold shut."""
-        ...
 
     def check_fits(self, low: Array, high: Array) -> None:
         """Raise `InputError` unless the map is for a film from `low` to `high` (3,) [m]."""
-        ...
 
     def label(self, X: Array) -> Indices:
         """Number of the fold at points X (n, 3); 0 if folds have no numbers."""
-        ...
 
 
 class Key(NamedTuple):

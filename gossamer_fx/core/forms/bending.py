@@ -104,15 +104,12 @@ class BendingStiffness(Protocol):
     @property
     def reference(self) -> Expr:
         """A positive stiffness [N m], by which integrands are made dimensionless."""
-        ...
 
     def moment(self, H: Expr) -> Expr:
         """Bending moment (2, 2) of a curvature (2, 2)."""
-        ...
 
     def across(self, n: Expr) -> Expr:
         """Stiffness (n⊗n):D:(n⊗n) [N m] of bending along a unit vector n (2,)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -94,11 +94,12 @@ class Mesh:
         return f"groups: {', '.join(names) or 'none'}"
 
     @check_arguments
-    def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:
+    def group(self, name: str, user: str = "group") -> tuple[int, npt.NDArray[np.int32]]:
         """Return dimension and local entities (owned and ghost) of a named group.
 
         Args:
             name: of the group: points, curves or surfaces of the gmsh file.
+            user: item that needs the group, the first words of the error message.
 
         Returns:
             dimension 0, 1 or 2, and numbers (n,) of vertices, edges or cells of this rank; n may be
@@ -108,7 +109,10 @@ class Mesh:
             InputError: the mesh has no group of this name; the message lists its groups.
         """
         known = ", ".join(sorted(self.groups)) or "none"
-        check(name in self.groups, f"The mesh has no group '{name}'; its groups are: {known}.")
+        check(
+            name in self.groups,
+            f"{user}: the mesh has no group '{name}'; its groups are: {known}.",
+        )
         dim, entities = self.groups[name]
         check(
             dim in range(self.domain.topology.dim + 1),
@@ -153,12 +157,12 @@ class Mesh:
 
         Args:
             name: name of the group.
-            user: name of the item that needs the curve, the first word of the error message.
+            user: item that needs the curve, the first words of the error message.
 
         Raises:
             InputError: the mesh has no such group, or the group consists of triangles or points.
         """
-        dim, edges = self.group(name)
+        dim, edges = self.group(name, user)
         check(dim == 1, f"{user}: the group '{name}' has dimension {dim}; name curves of the mesh.")
         return edges
 

@@ -50,11 +50,9 @@ class Body(Protocol):
     def initial_state(self) -> tuple[Array, Array]:
         """Owned coordinates [m] and velocities [m/s], flattened, node by node; not to be written
         to."""
-        ...
 
     def describe(self, node: int) -> str:
         """Where an owned node is, in words, for messages."""
-        ...
 
 
 @runtime_checkable
@@ -67,17 +65,14 @@ class MeshBody(Body, Protocol):
     def full(self) -> MeshBody:
         """The body itself; of a reduced body the one that was reduced, whose nodes have
         positions."""
-        ...
 
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
         """Set a function on `full.space`, ghosts included, from this rank's unknowns."""
-        ...
 
     def coordinates(self, alpha: float) -> Any:
         """The functions of its forms and how they follow from its unknowns, a
         `terms.coordinates.Coordinates`, for a stress rule whose forces act at q_mid = (1 - α) q0 +
         α q1."""
-        ...
 
 
 # One attribute decides what an item is: a body of a user needs no base class.

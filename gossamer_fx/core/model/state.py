@@ -44,7 +44,6 @@ class Sampled(Protocol):
     def before_step(self, run: HasSystem, h: float) -> float:
         """Look at the state before a step of length h [s]; returns the length that it may have.
         Collective."""
-        ...
 
 
 class BodyState:

@@ -38,7 +38,6 @@ class BringsTerms(Protocol):
 
     def terms(self, start: State) -> Iterable[Term]:
         """Its terms in a scene that begins in the state `start`."""
-        ...
 
 
 @runtime_checkable
@@ -47,7 +46,6 @@ class RefersToItems(Protocol):
 
     def requires(self) -> Iterable[object]:
         """The items that it refers to."""
-        ...
 
 
 class OnBody:

@@ -149,7 +149,7 @@ class Meshed(ABC):
     @check_arguments
     def nodes(self, group: str) -> np.ndarray:
         """Local nodes (owned and ghost) of a named group of the mesh."""
-        dim, entities = self.mesh.group(group)
+        dim, entities = self.mesh.group(group, f"'{self.name}'")
         topology = self.mesh.domain.topology
         topology.create_connectivity(dim, topology.dim)
         return fem.locate_dofs_topological(self.space, dim, entities)

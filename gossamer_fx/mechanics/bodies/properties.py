@@ -120,7 +120,7 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
 def cells_of_group(mesh: Mesh, group: str, what: str) -> Indices:
     """Local cells (n,) of a named group of triangles or lines, owned and ghost.  `InputError`,
     which begins with `what`: a group of another dimension."""
-    dim, cells = mesh.group(group)
+    dim, cells = mesh.group(group, what)
     wanted = mesh.domain.topology.dim
     check(
         dim == wanted,

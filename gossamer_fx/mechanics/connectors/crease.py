@@ -151,7 +151,7 @@ class Crease(OnBody):
     def _owned(self) -> Indices:
         """The edges of the crease that this rank owns, as indices of the body's `EdgeTable`."""
         table = self.body.mesh.edges
-        lines = self.body.mesh.curve(self.edges, f"Crease '{self.name}'")
+        lines = self.body.mesh.curve(self.edges, f"Crease on '{self.body.name}'")
         return lines[lines < table.owned]
 
     @cached_property

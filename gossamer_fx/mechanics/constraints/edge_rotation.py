@@ -37,7 +37,7 @@ MIN_SINE = 0.1
 
 def check_is_rim(plate: Plate, edges: str) -> None:
     """Raise `InputError`, on all ranks, unless the group names curves on the rim of the plate."""
-    found = plate.mesh.curve(edges, "Fixed")
+    found = plate.mesh.curve(edges, f"Fixed on '{plate.name}'")
     check_on_all(
         plate.comm,
         bool(plate.mesh.edges.is_boundary[found].all()),

@@ -252,8 +252,10 @@ class SectionRotation:
         size = self.beam.block.size
         # Directors too: three numbers of a position and six of two directors.
         dofs = (size * self.nodes[:, None] + np.arange(size)).ravel().astype(np.int32)
-        is_still = self.direction is None and self.motion is None and self.twist == 0
-        return Support(self.name, self.beam, dofs, None if is_still else self._path())
+        if self.direction is None and self.motion is None and self.twist == 0:
+            return Support(self.name, self.beam, dofs)
+        angle = self._angle if callable(self.twist) else None
+        return Support(self.name, self.beam, dofs, self._path(), angle)
 
     def _path(self) -> Callable[[float], Array]:
         """Prescribed coordinates of the sections of a beam: a function of time [s] that returns
@@ -296,7 +298,7 @@ class SectionRotation:
         # skew matrix of their cross product.
         v = cross_matrices(np.cross(normals, wanted))
         shortest = np.eye(3) + v + v @ v / (1 + cosine)[:, None, None]
-        return rotations(wanted, self._angle(t, when)) @ shortest
+        return rotations(wanted, self._angle(t)) @ shortest
 
     def _directions(self, X: Array, normals: Array, t: float, when: str) -> Array:
         """Directions (n, 3), of any length, that the unit normals (n, 3) of sections at nodes X (3,
@@ -308,11 +310,12 @@ class SectionRotation:
             return ask_points(self.beam.comm, f"Direction {when}", lambda: given(X, t), X.shape).T
         return np.broadcast_to(np.asarray(given, dtype=float), normals.shape)
 
-    def _angle(self, t: float, when: str) -> float:
-        """The twist [rad] at time t [s]."""
+    def _angle(self, t: float) -> float:
+        """The twist [rad] at time t [s].  Collective."""
         angle = self.twist
         if callable(angle):
-            return float(ask_numbers(self.beam.comm, f"Twist {when}", lambda: angle(t)))
+            what = f"Twist of '{self.name}' at t = {t:.6g} s"
+            return float(ask_numbers(self.beam.comm, what, lambda: angle(t)))
         return float(angle)
 
 
@@ -324,7 +327,7 @@ def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ..
         set(components) <= {0, 1, 2} and bool(components),
         f"{kind}: components are {components!r}; choose from 0, 1, 2.",
     )
-    body.mesh.group(group)
+    body.mesh.group(group, f"{kind} on '{body.name}'")
     # Owned nodes are counted once; a group may have no node on this rank, but not on all.
     nodes = body.nodes(group)
     owned = int((nodes < body.block.index_map.size_local).sum())
@@ -351,7 +354,7 @@ class Driven(OnBody):
 
     The directors are d(t) = R(axis, angle(t)) d(0); the work of the motor counts as supplied.  The
     scene gives the body the rate at which the angle begins, e.g. by `RigidMotion`: a difference
-    stays, as of `Fixed` with a motion.
+    stays, as of `Fixed` with a motion.  A step of half a turn or more is rejected, and divided.
 
     Args:
         body: what turns.
@@ -384,13 +387,15 @@ class Driven(OnBody):
         axis = unit(self.axis)
         first = start[body].coordinates().copy()
 
+        def angle(t: float) -> float:
+            source = f"Angle of '{self.name}' at t = {t:.6g} s"
+            return float(ask_numbers(body.comm, source, lambda: self.angle(t)))
+
         def path(t: float) -> Array:
             """Coordinates of the body on this rank at a time t [s]."""
-            source = f"Angle of '{self.name}' at t = {t:.6g} s"
-            angle = ask_numbers(body.comm, source, lambda: self.angle(t))
             # From the first state, not from the last step: errors do not add up.
             turned = first.copy()
-            turned[:, 1:] = first[:, 1:] @ rotations(axis, float(angle)).T
+            turned[:, 1:] = first[:, 1:] @ rotations(axis, angle(t)).T
             return turned.ravel()
 
-        yield Support(self.name, body, np.arange(first.size, dtype=np.int32), path)
+        yield Support(self.name, body, np.arange(first.size, dtype=np.int32), path, angle)

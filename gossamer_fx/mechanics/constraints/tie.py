@@ -113,9 +113,9 @@ class Tie:
             object.__setattr__(self, "name", " tied to ".join(words))
         # Groups that do not exist are refused here, before a scene is compiled.
         if self.group_a is not None:
-            self.a.mesh.group(self.group_a)
+            self.a.mesh.group(self.group_a, f"Tie of '{self.a.name}'")
         if self.group_b is not None:
-            self.b.mesh.curve(self.group_b, f"'{self.name}'")
+            self.b.mesh.curve(self.group_b, f"Tie of '{self.b.name}'")
 
     def requires(self) -> Iterable[Any]:
         yield self.a

@@ -75,11 +75,6 @@ class StepForces:
         self.point_forces: Array = np.zeros((0, 3))
         self.clear()
 
-    @property
-    def acting_count(self) -> int:
-        """Number of pairs with a force at the last residual."""
-        return sum(np.count_nonzero(forces.state) for forces in self._forces)
-
     def clear(self) -> None:
         """Set the forces to zero, with a row for each point that this rank knows."""
         count = self._points.count

@@ -173,17 +173,15 @@ class HeatPath:
 
 @dataclass
 class Rates:
-    """Mass flow [kg/s] through each opening (m,), from its end a to its end b, and heat [W] from
-    each wall; and sums over all openings and walls: mass flows [kg/s] of the species into the
-    chambers (s,), enthalpy flow with heat [W] into each chamber (n,), and both from all boundaries
-    and walls, mass flows by species."""
+    """Mass flow [kg/s] through each opening (m,), from its end a to its end b; and sums over all
+    openings and walls: mass flows [kg/s] of the species into the chambers (s,), enthalpy flow with
+    heat [W] into each chamber (n,), and both from all boundaries and walls."""
 
-    openings: list[float]
-    heats: list[Number]
+    openings: list[Number]
     mass: Array
     energy: Array
-    mass_supplied: Array
-    energy_supplied: float = 0.0
+    mass_supplied: Number
+    energy_supplied: Number
 
 
 class Balance:
@@ -253,9 +251,9 @@ class Balance:
         # Lists of numbers: for so few chambers NumPy takes three times as long.
         mass: list[Number] = [0.0] * len(self._m0)
         energy: list[Number] = [0.0] * n
-        mass_supplied: list[Number] = [0.0] * len(self.contents.species)
+        mass_supplied: Number = 0.0
         energy_supplied: Number = 0.0
-        openings: list[float] = []
+        openings: list[Number] = []
         states = self._flow_states(y, V)
         for passage in self.passages:
             at_ends = _at_ends(passage, states)
@@ -269,18 +267,16 @@ class Balance:
                         mass[row] += sign * fraction * mass_flow.real
                 else:
                     energy_supplied -= sign * energy_flow.real
-                    for row, fraction in zip(rows, fractions, strict=True):
-                        mass_supplied[row] -= sign * fraction * mass_flow.real
-        heats = [self._heat(path, y, V) for path in self.walls]
-        for path, heat in zip(self.walls, heats, strict=True):
+                    mass_supplied -= sign * mass_flow.real
+        for path in self.walls:
+            heat = self._heat(path, y, V)
             energy[path.chamber] += heat
             energy_supplied += heat
         return Rates(
             openings=openings,
-            heats=heats,
             mass=np.array(mass),
             energy=np.array(energy),
-            mass_supplied=np.array(mass_supplied),
+            mass_supplied=mass_supplied,
             energy_supplied=energy_supplied,
         )
 

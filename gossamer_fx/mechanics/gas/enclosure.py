@@ -169,7 +169,8 @@ class FilmEnclosure:
     def cells(self, film: Membrane) -> np.ndarray:
         """Return the local triangles (n,) of the bounding surface, owned and ghost, in rising
         order."""
-        return named_triangles(self.film, self.surface, f"Chamber '{self.chamber}'")
+        user = f"Chamber '{self.chamber}' of '{self.film.name}'"
+        return named_triangles(self.film, self.surface, user)
 
     def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
         """Check that triangles (n,), owned and ghost, and strips over rings form a closed surface,

@@ -24,7 +24,7 @@ def named_triangles(film: Membrane, surface: tuple[str, ...], user: str) -> np.n
     whole film if no group is named.  `InputError`: a group is not one of triangles."""
     if not surface:
         return all_triangles(film)
-    groups = [film.mesh.group(name) for name in surface]
+    groups = [film.mesh.group(name, user) for name in surface]
     check(
         all(dim == 2 for dim, _ in groups),
         f"{user}: its surface {surface} must be named groups of triangles.",

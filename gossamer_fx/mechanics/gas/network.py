@@ -143,11 +143,9 @@ class GasNetwork(ScalarUnknowns):
         # Of the step: pressures at its start, and on the outer side of enclosures [Pa]
         self._start_pressures: Array = np.zeros(n)
         self._outside_pressures: Array = np.zeros(n)
-        # Energy [J] and mass of each species [kg] from boundaries and walls since the start
+        # Energy [J] and mass [kg] from boundaries and walls since the start
         self._supplied = 0.0
-        self._mass_supplied: Array = np.zeros(len(self.contents.species))
-        # Heat [J] from each wall since the start
-        self._heat_supplied = [0.0] * len(self._walls)
+        self._mass_supplied = 0.0
         # Mass flows [kg/s] through the openings in the last accepted step
         self._flows = [0.0] * len(self._passages)
 
@@ -373,11 +371,9 @@ class GasNetwork(ScalarUnknowns):
             state.pressure = float(pressure)
         self.geometry.accept()
         self._accepted_magnitude = self._magnitude
-        self._supplied += h * rates.energy_supplied
-        self._mass_supplied = self._mass_supplied + h * rates.mass_supplied
-        for j, heat in enumerate(rates.heats):
-            self._heat_supplied[j] += h * float(heat)
-        self._flows = rates.openings
+        self._supplied += h * float(rates.energy_supplied)
+        self._mass_supplied += h * float(rates.mass_supplied)
+        self._flows = [float(flow) for flow in rates.openings]
         for passage, _ in self._switches:
             passage.was_open = passage.is_open
 
@@ -387,8 +383,7 @@ class GasNetwork(ScalarUnknowns):
         masses = self._masses()
         if self._process == HELD_PRESSURE:
             held = masses * self.contents.per_mass(expansion)
-            for gas, mass in zip(self.contents.gases, held - masses, strict=True):
-                self._mass_supplied[self.contents.species.index(gas)] += mass
+            self._mass_supplied += float((held - masses).sum())
             for state, rows in zip(self.chambers, self.contents.rows, strict=True):
                 state.masses = held[rows]
             masses = held
@@ -471,18 +466,8 @@ class GasNetwork(ScalarUnknowns):
             stored={state.chamber.name: state.internal_energy for state in self.chambers},
             supplied=self._supplied,
             mass=sum(state.mass for state in self.chambers),
-            mass_supplied=float(self._mass_supplied.sum()),
+            mass_supplied=self._mass_supplied,
         )
-
-    def supplied_mass(self, gas: Gas) -> float:
-        """Mass [kg] of a species that came from boundaries since the start."""
-        return float(self._mass_supplied[self.contents.species.index(gas)])
-
-    def supplied_heat(self, wall: Wall) -> float:
-        """Heat [J] that came from a wall or through a film since the start, part of the energy
-        that was supplied; negative if the gas was cooled."""
-        paths = zip(self._walls, self._heat_supplied, strict=True)
-        return sum(heat for path, heat in paths if path.wall is wall)
 
     def states(self) -> dict[str, ChamberState]:
         return {state.chamber.name: state for state in self.chambers}
@@ -507,8 +492,7 @@ class GasNetwork(ScalarUnknowns):
         return {
             "chambers": chambers,
             "supplied": self._supplied,
-            "mass supplied": self._mass_supplied.tolist(),
-            "heat supplied": list(self._heat_supplied),
+            "mass supplied": self._mass_supplied,
             "flows": self._flows,
             "open": [passage.was_open for passage, _ in self._switches],
         }
@@ -522,8 +506,7 @@ class GasNetwork(ScalarUnknowns):
             chamber.masses = np.array(masses, dtype=float)
         _, self._accepted_magnitude, _ = self._measure()
         self._supplied = state["supplied"]
-        self._mass_supplied = np.array(state["mass supplied"], dtype=float)
-        self._heat_supplied = list(state["heat supplied"])
+        self._mass_supplied = state["mass supplied"]
         self._flows = state["flows"]
         for (passage, _), was_open in zip(self._switches, state["open"], strict=True):
             passage.was_open = was_open

@@ -200,7 +200,7 @@ class EdgeMoment(OnBody):
     name: str = ""
 
     def __post_init__(self) -> None:
-        edges = self.body.mesh.curve(self.edges, "EdgeMoment")
+        edges = self.body.mesh.curve(self.edges, f"EdgeMoment on '{self.body.name}'")
         check_on_all(
             self.body.comm,
             bool(self.body.mesh.edges.is_boundary[edges].all()),

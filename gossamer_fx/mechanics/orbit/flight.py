@@ -314,6 +314,5 @@ class Flight(HistoryVariables):
 
     def set_history(self, state: dict[str, Any]) -> None:
         self.origin.set_history(state)
-        # Checkpoints of earlier versions have none.
-        self.centre = np.array(state.get("centre", self.centre))
+        self.centre = np.array(state["centre"])
         self._prepared_step = None

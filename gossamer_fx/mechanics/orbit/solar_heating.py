@@ -312,7 +312,7 @@ class FilmTemperatures:
 
         table[:] = row(heating.properties)
         for group, properties in heating.groups.items():
-            dim, cells = self.film.mesh.group(group)
+            dim, cells = self.film.mesh.group(group, f"'{self.film.name}'")
             check(
                 dim == 2,
                 f"'{heating.name}': the group '{group}' has dimension {dim}; "

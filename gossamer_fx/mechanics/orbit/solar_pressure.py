@@ -164,7 +164,7 @@ def face_coefficients(
     rows = table.x.array.reshape(-1, 6)
     rows[:] = np.concatenate(both)
     for group, others in groups.items():
-        dim, cells = film.mesh.group(group)
+        dim, cells = film.mesh.group(group, f"'{film.name}'")
         check(
             dim == 2,
             f"'{name}': the group '{group}' has dimension {dim}; name triangles of the mesh.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.errors import check_on_all
+from gossamer_fx.core.checks.errors import Inadmissible, check_on_all
 from gossamer_fx.core.model.body import Array, Body, Indices
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
@@ -73,6 +74,10 @@ class Supports(CompiledTerms["Support"]):
         order on all ranks.  Collective."""
         self._numbering = system.numbering
         self._moved: list[MovedCoordinates] = []
+        self._angles: dict[str, Callable[[float], float]] = {}
+        # Pseudo-steps of an equilibrium are not a motion.
+        if not system.rule.is_static:
+            self._angles = {term.name: term.angle for term in terms if term.angle is not None}
         # Each coordinate is set by one support, so that its work counts once.  What is fixed at its
         # initial value comes first: others agree with it, and do not move it by their round-off.
         in_order = sorted(terms, key=lambda term: term.motion is not None)
@@ -167,6 +172,21 @@ class Supports(CompiledTerms["Support"]):
         self.reactions = values[self.held]
         values[self.held] = 0
 
+    def check_turns(self, t: float, h: float) -> None:
+        """Refuse a step of h [s] from a time t [s] in which a support turns its body by half a turn
+        or more: coordinates show only the shorter way round.  Collective.
+
+        Raises:
+            Inadmissible: names the support; the step is then tried in parts.
+        """
+        for name, angle in self._angles.items():
+            turn = angle(t + h) - angle(t)
+            if abs(turn) >= math.pi:
+                raise Inadmissible(
+                    f"'{name}' turns by {turn:.3g} rad within {h:.3g} s, half a turn or more, so "
+                    "that its sense would be lost; give a shorter dt, or an angle without jumps"
+                )
+
     def work(self, Δq: Array) -> float:
         """Work [J] that the moved supports supply in a step Δq, this rank's share."""
         work = 0.0
@@ -195,11 +215,13 @@ class Support:
     """Coordinates that are fixed at their initial values, or have the values `motion(t)` [m], (n,)
     like `dofs`.
 
-    `dofs` are owned and ghost scalar indices of the body's block.
+    `dofs` are owned and ghost scalar indices of the body's block.  A motion that turns the body
+    about an axis has its `angle` [rad] as a function of time, the same on every rank.
     """
 
     name: str
     body: Body
     dofs: Indices
     motion: Callable[[float], Array] | None = None
+    angle: Callable[[float], float] | None = None
     compiler: ClassVar[Compiler] = Supports

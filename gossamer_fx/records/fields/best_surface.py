@@ -177,7 +177,7 @@ def cells_of(film: Membrane, group: str) -> Array:
     owned = mesh.domain.topology.index_map(2).size_local
     if not group:
         return np.arange(owned)
-    dimension, cells = mesh.group(group)
+    dimension, cells = mesh.group(group, f"'{film.name}'")
     kind = ("points", "curves", "triangles")[dimension]
     check(
         dimension == 2,

@@ -245,19 +245,15 @@ class Output(Protocol):
     @property
     def times(self) -> Sequence[float]:
         """Times [s] that the run must meet exactly."""
-        ...
 
     def open(self, run: StateView) -> None:
         """Check the request and make the files; before anything is computed."""
-        ...
 
     def record(self, run: StateView, last: bool) -> None:
         """Look at the state; at the start and after every step.  With `last` it is the last one."""
-        ...
 
     def close(self, run: StateView) -> None:
         """Finish the files; also after a failure."""
-        ...
 
 
 @runtime_checkable
@@ -268,12 +264,10 @@ class Continued(Output, Protocol):
     def cursor(self) -> dict[str, Any]:
         """Its position, for JSON: numbers, words, lists and dictionaries, the same on every
         rank."""
-        ...
 
     def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         """Remove what was written after the cursor, and continue there; called instead of
         `open`."""
-        ...
 
 
 @runtime_checkable
@@ -283,7 +277,6 @@ class Writing(Output, Protocol):
     @property
     def writes(self) -> Sequence[Path]:
         """Files and folders that no other output and no other run may write."""
-        ...
 
 
 def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:

@@ -43,11 +43,9 @@ class Sought(StateView, Protocol):
 
     def find(self, at: float) -> object:
         """Search for the state at a load parameter."""
-        ...
 
     def need(self, what: str) -> None:
         """Raise `InputError` unless a state was found; `what` names the caller."""
-        ...
 
 
 @runtime_checkable

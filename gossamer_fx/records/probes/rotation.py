@@ -23,7 +23,6 @@ class _HasWheels(Protocol):
 
     def wheel_momentum(self) -> Array:
         """Sum (3,) [kg m²/s] of the wheels' angular momenta at q0, this rank's share."""
-        ...
 
 
 @check_arguments

@@ -402,7 +402,7 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
 
 
 # Number of the format; it changes with the contents of the files.
-FORMAT = 8
+FORMAT = 9
 
 # A file is summed in blocks of this many bytes, so that its size does not matter.
 CHECKSUM_BLOCK = 1 << 20
@@ -442,11 +442,9 @@ class SavedRun(StateView, Protocol):
 
     def get_history(self) -> dict[str, Any]:
         """Its state beyond the history of the scene, for JSON; the same on every rank."""
-        ...
 
     def set_history(self, state: dict[str, Any]) -> None:
         """Restore what `get_history` returned, after the history of the scene."""
-        ...
 
 
 @check_arguments
@@ -495,13 +493,15 @@ class Checkpoints:
         self._written: int | None = None  # step of the last checkpoint
 
     def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
-        """Make the folder; before anything is computed.  Collective.
+        """Try whether the folder can be written, before anything is computed; the first checkpoint
+        makes it.  Collective.
 
         Args:
             scene: its description, see `scene_of`.
             restart: the checkpoint, or folder of some, from which the run continues, if any.
         """
-        make_parent(run.comm, self.folder / "step")
+        tried = self.folder / ".step" if self.folder.is_dir() else self.folder
+        make_parent(run.comm, tried, file=False)
         on_rank_zero(run.comm, lambda: self._check_free(restart))
         self._names = all_names(run.system)
         self._scene = scene
@@ -582,7 +582,7 @@ class Checkpoints:
                 # A run that was killed while it wrote may have left such a folder.
                 for incomplete in self.folder.glob(".step-*"):
                     shutil.rmtree(incomplete, ignore_errors=True)
-                new.mkdir()
+                new.mkdir(parents=True)
 
         def write_share() -> None:
             share = new / _rank_file(comm.rank)

@@ -35,7 +35,6 @@ class SteppedRun(StateView, Protocol):
 
     def log(self, words: str) -> None:
         """Pass a line to the listeners of the log."""
-        ...
 
 
 Action = Callable[[SteppedRun], object]

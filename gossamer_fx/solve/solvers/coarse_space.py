@@ -75,10 +75,11 @@ NODES_PER_PATCH = 100
 BEAM_PATCH_RATIO = 0.08
 
 # Coarse unknowns, times ranks, up to which the coarse matrix is factorised; the V-cycle divides
-# among ranks.  With 17 thousand coarse unknowns (300 thousand unknowns) on one rank a Krylov
-# iteration, with its share of the set-ups, takes 92 ms by the factorisation and 85 ms by the
-# V-cycle.  On eight ranks 44 thousand unknowns take 16 and 20 Krylov iterations a step.
-MAX_UNKNOWNS_FACTORISED = 20_000
+# among ranks.  On one rank a sheet takes an equal time by both with 5 thousand of them (78 thousand
+# unknowns), and by the V-cycle 0.91 with 18 thousand.  An antenna with 10 thousand takes more of
+# Newton's iterations by it.  On eight ranks 44 thousand unknowns take 16 and 20 Krylov iterations a
+# step.
+MAX_UNKNOWNS_FACTORISED = 15_000
 
 # Largest number of nodes in a large patch, and of large patches in a group.  With 78 thousand
 # unknowns on eight ranks GMRES takes 8 iterations to 1e-4, with 1600 nodes 10, with 400 nodes 8,

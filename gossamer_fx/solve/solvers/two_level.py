@@ -20,8 +20,11 @@ GMRES does not require.
 Levels of fill of L.  Where a film switches between taut and slack, the tangent has narrow stiff
 bands in an almost slack film.  Measured on a fluttering film of 78 thousand unknowns: with two
 levels most systems are not solved within 60 iterations, four levels take 25, six take 6, and eight
-cost more than they save. In a quiet film two levels serve as well as six, for a third of the time.
-Therefore L starts with two levels, and gets six when a solve has taken many iterations.
+cost more than they save.  In a quiet film two levels serve as well as six, for a third of the time.
+On a film of 300 thousand unknowns, in the worst steps, six levels do not solve a system within 60
+iterations, and Newton's iteration takes 173 such solves for two steps; ten levels take 18, and 32
+solves.  Therefore L starts with two levels, gets six when a solve has taken many iterations, and
+for the rest of a step ten when it has taken many more.
 
 Several ranks factorise parts that overlap by three cells (additive Schwarz); without overlap the
 number of iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
@@ -46,14 +49,16 @@ from gossamer_fx.solve.system.system import System
 # module.
 ILU_LEVELS = 2
 ILU_LEVELS_DIFFICULT = 6
+ILU_LEVELS_WORST = 10
 
 # Applications in a solve up to which the coarse matrix of an earlier A of the same step is used
 # again.
 REUSE_COARSE_UP_TO = 10
 
-# Applications in a solve above which more levels of fill cost less than the iterations that they
-# save.
+# Applications in a solve above which six levels of fill, and ten, cost less than the iterations
+# that they save.
 MORE_FILL_ABOVE = 20
+MOST_FILL_ABOVE = 40
 
 
 class TwoLevel:
@@ -83,8 +88,11 @@ class TwoLevel:
         """
         # The matrix to be preconditioned, and the same without couplings of contact.
         self._A, self._fixed = pc.getOperators()
-        self._set_up_coarse_space()
-        self._set_up_local_part()
+        step = self._system.time, self._system.h
+        begins_step = step != self._step
+        self._step = step
+        self._set_up_coarse_space(begins_step)
+        self._set_up_local_part(begins_step)
         self._applications = 0
         reasons = PETSc.PC.FailedReason
         has_failed = self._local.getFailedReason() != reasons.NOERROR
@@ -94,25 +102,27 @@ class TwoLevel:
         else:
             pc.setFailedReason(reasons.NOERROR)
 
-    def _set_up_coarse_space(self) -> None:
+    def _set_up_coarse_space(self, begins_step: bool) -> None:
         """Compute the coarse matrix, unless that of an earlier A of this step still serves."""
-        step = self._system.time, self._system.h
-        if step != self._step or self._applications > REUSE_COARSE_UP_TO:
+        if begins_step or self._applications > REUSE_COARSE_UP_TO:
             # The product needs the same pattern every time.
             self._coarse.set_up(self._fixed, self._multigrid)
-        self._step = step
 
-    def _set_up_local_part(self) -> None:
+    def _set_up_local_part(self, begins_step: bool) -> None:
         """Factorise A incompletely, with the levels of fill that the last solve suggests: 2 at
-        first, and 6 after a solve that took more than 20 applications or from the start.
-        Collective."""
+        first, 6 after a solve that took more than 20 applications or from the start, and 10 for
+        the rest of a step after one that took more than 40.  Collective."""
         self._multigrid.setOperators(self._A)
         # This sets those of the incomplete factorisation, too.
         self._multigrid.getMGSmoother(len(self._coarse.interpolations)).setOperators(self._A)
         if not self._levels:
             self._choose_fill(ILU_LEVELS_DIFFICULT if self._is_difficult else ILU_LEVELS)
-        elif self._applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
+        elif begins_step and self._levels == ILU_LEVELS_WORST:
             self._choose_fill(ILU_LEVELS_DIFFICULT)
+        elif self._levels == ILU_LEVELS and self._applications > MORE_FILL_ABOVE:
+            self._choose_fill(ILU_LEVELS_DIFFICULT)
+        elif self._levels == ILU_LEVELS_DIFFICULT and self._applications > MOST_FILL_ABOVE:
+            self._choose_fill(ILU_LEVELS_WORST)
         self._multigrid.setUp()
         self._local.setUpOnBlocks()
 

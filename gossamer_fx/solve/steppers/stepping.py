@@ -43,15 +43,12 @@ class Carrier(Protocol):
     @property
     def vectors(self) -> Mapping[str, PETSc.Vec]:
         """Vectors of the system, which are copied, not replaced, when a state is restored."""
-        ...
 
     def get_history(self) -> dict[str, Any]:
         """All other history variables, as numbers, strings and lists; the same on every rank."""
-        ...
 
     def set_history(self, state: dict[str, Any]) -> None:
         """Restore what `get_history` returned."""
-        ...
 
 
 class StepSolver(Carrier, Protocol):
@@ -71,7 +68,6 @@ class StepSolver(Carrier, Protocol):
             NotConverged: the step failed; the state is unchanged, and a shorter step may be tried.
             Inadmissible: the solution cannot be accepted; the state is unchanged.
         """
-        ...
 
 
 @runtime_checkable
@@ -81,16 +77,13 @@ class Stepper(Protocol):
     @property
     def dt(self) -> float:
         """Step [s]."""
-        ...
 
     @property
     def rule(self) -> StressRule:
         """Which stress acts in a step."""
-        ...
 
     def start(self, system: System) -> StepSolver:
         """The stepper at work on a compiled system."""
-        ...
 
 
 def check_step(stepper: Stepper) -> None:
@@ -116,7 +109,6 @@ class Stepping(Protocol):
             StepFailure: the step failed, also in the smallest sub-steps; sub-steps that converged
                 remain.
         """
-        ...
 
 
 @runtime_checkable
@@ -125,7 +117,6 @@ class Control(Protocol):
 
     def start(self, system: System, solver: StepSolver, dt: float) -> Stepping:
         """The steps of a run, the first of which has the length dt [s]."""
-        ...
 
 
 class EqualSteps:

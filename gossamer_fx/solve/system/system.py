@@ -561,6 +561,7 @@ class System:
         active sets (contact pairs).  Returns the first guess of the scalar unknowns.  Collective.
         """
         self.h = h
+        self.supports.check_turns(self.time, h)
         for active_set in self.active_sets:
             active_set.update_active_set()
         return self.begin_without_search(h)
