@@ -420,6 +420,93 @@ def test_a_path_that_is_given_up_says_so(comm):
     assert force[0] == pytest.approx(equilibrium.time - 1, abs=1e-9)
 
 
+@pytest.mark.parametrize("call", range(4, 40, 3))
+def test_a_load_that_is_refused_once_ends_in_a_sentence_or_a_shorter_step(comm, call):
+    """Newton's iteration asks for loads far from the path, e.g. for temperatures below 0 K: it
+    ended as "error code -1" of PETSc."""
+    bars, supports = truss(comm)
+    calls = []
+
+    def force(t):
+        calls.append(t)
+        if len(calls) == call:
+            raise ValueError("out of range")
+        return (0.0, 0.0, -t * LIMIT_LOAD)
+
+    push = gx.loads.Force(bars.port("point 1"), force)
+    equilibrium = gx.Equilibrium(gx.Scene(*supports, push))
+    try:
+        assert gx.analysis.path(equilibrium, 0.6).complete
+    except gx.InputError as error:
+        assert "out of range" in str(error)
+
+
+@pytest.mark.mpi
+def test_a_heated_plate_between_clamps_buckles(comm):
+    """The load moves nothing up to the branch point, where the frequency vanishes: its square is
+    linear in the heat.  Thermal buckling at ΔT = π² t²/(6 (1+ν) α a²), simply supported."""
+    t = 5e-3
+    nu = 0.3
+    alpha = 2e-5
+    heat = math.pi**2 * t**2 / (6 * (1 + nu) * alpha)
+    warming = gx.materials.ThermalExpansion(
+        alpha, lambda X, load: 300.0 + heat * load, reference=300.0
+    )
+    law = gx.Linear(70e9, nu, density=2700.0, thickness=t)
+    plate = gx.Plate(sheet(comm, 8, 8), law, thermal=warming)
+    equilibrium = gx.Equilibrium(gx.Scene(*(gx.Fixed(plate, edge) for edge in EDGES)))
+    squares = []
+    for load in (0.0, 0.5):
+        equilibrium.find(at=load)
+        squares.append(gx.analysis.modes(equilibrium, 1)[0].frequency ** 2)
+    vanishes = 0.5 / (1 - squares[1] / squares[0])
+    probes = {"w": gx.probes.Position(plate.port_at((0.5, 0.5, 0.0)), "z")}
+    found = gx.analysis.path(equilibrium, 1.5, probes=probes, branch="w")
+    (branch,) = found.branch_points
+    assert found.loads[branch] == pytest.approx(vanishes, rel=1e-3)
+    # 6 % above with 8 cells
+    assert 1.0 < found.loads[branch] < 1.1
+    assert found.complete and not found.unstable[branch + 1 :].any()
+    assert 0.3 * t < found.columns["w"][-1] < t
+
+
+@pytest.mark.mpi
+def test_a_rigid_link_on_a_torsional_spring_leans_over(comm):
+    """A load P along a link of length l on a spring k: P l/k = θ/sin θ, of a column of two links
+    and springs (3 ± √5)/2.  The load moves nothing before: the branch ended as a division by
+    zero."""
+    k = 2.0
+    length = 0.4
+    y = (0.0, 1.0, 0.0)
+
+    def column(links):
+        parts = []
+        foot = gx.ground_frame()
+        for j in range(links):
+            middle = (0, 0, (j + 0.5) * length)
+            link = gx.RigidBody(
+                1.0, (0.01, 0.01, 0.01), position=middle, comm=comm, name=f"link {j}"
+            )
+            sides = (foot, link.frame((0, 0, -length / 2)))
+            spring = gx.connectors.TorsionSpring(*sides, axis=y, stiffness=k, name=f"spring {j}")
+            parts += [gx.constraints.RevoluteJoint(*sides, axis=y, name=f"hinge {j}"), spring]
+            foot = link.frame((0, 0, length / 2))
+        push = gx.loads.Force(link.port((0, 0, length / 2)), lambda t: (0.0, 0.0, -t * k / length))
+        top = gx.probes.Position(link.port((0, 0, length / 2)), "x")
+        return gx.Equilibrium(gx.Scene(*parts, push)), {"top": top}
+
+    equilibrium, probes = column(1)
+    found = gx.analysis.path(equilibrium, 1.5, probes=probes, branch="top")
+    (branch,) = found.branch_points
+    assert found.loads[branch] == pytest.approx(1.0, abs=2e-4)
+    angle = brentq(lambda angle: angle / math.sin(angle) - 1.5, 0.1, 3.0)
+    assert found.columns["top"][-1] == pytest.approx(length * math.sin(angle), rel=1e-8)
+    equilibrium, probes = column(2)
+    found = gx.analysis.path(equilibrium, 3.0, probes=probes)
+    exact = [(3 - math.sqrt(5)) / 2, (3 + math.sqrt(5)) / 2]
+    np.testing.assert_allclose(found.loads[list(found.branch_points)], exact, atol=1e-3)
+
+
 def test_contact_is_refused(comm):
     law = gx.Linear(E=1e8, nu=0.3, density=1000.0, thickness=1e-4)
     film = gx.Membrane(sheet(comm, 2, 2), law)

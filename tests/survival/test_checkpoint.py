@@ -271,6 +271,8 @@ def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
         run_to(5, fluttering_sheet(COMM), restart=folder / "none")
     run_to(4, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
+    with pytest.raises(gx.InputError, match=r"newest there, step-00000000, step-00000004\."):
+        run_to(5, fluttering_sheet(COMM), restart=folder / "step-00000003")
     last = folder / "step-00000004"
     part = last / "rank-0000.npz"
     page = last / "run.json"

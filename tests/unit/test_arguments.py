@@ -74,6 +74,20 @@ def test_nothing_is_done_before_arguments_are_refused() -> None:
     assert written == [1.0]
 
 
+def test_a_missing_name_is_named_also_after_any_number_of_arguments() -> None:
+    """`gx.Contact(film)` lacks the distance, and may have bodies without a name."""
+
+    @check_arguments
+    def touch(*bodies: str, distance: float, order: Sequence[int] = ()) -> None:
+        del bodies, distance, order
+
+    with pytest.raises(gx.InputError, match=r"^touch: the argument 'distance' is missing; "):
+        touch("film", "floor")  # type: ignore[call-arg]
+    # One whole number is not what is wanted.
+    with pytest.raises(gx.InputError, match=r"order is 2; give a list of whole numbers\.$"):
+        touch("film", distance=1.0, order=2)  # type: ignore[arg-type]
+
+
 def test_a_file_is_not_written_before_arguments_are_refused(tmp_path: Path) -> None:
     target = tmp_path / "log.txt"
     with pytest.raises(gx.InputError, match="quiet is 'no'"):

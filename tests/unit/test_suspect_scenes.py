@@ -396,3 +396,54 @@ def test_a_motion_that_begins_at_another_rate_is_warned_of(comm, caplog, make, i
     warned = caplog.text.count("begins at another rate than the velocity of its body")
     if comm.rank == 0:
         assert warned == is_sudden
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("what", ["motor", "edge", "smooth", "equilibrium"])
+def test_a_motion_that_begins_elsewhere_than_its_body_is_warned_of(comm, caplog, what) -> None:
+    """A support that jumps in the first step gives a velocity that grows as steps shrink."""
+    if what == "motor":
+        hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), spin=(0.0, 0.0, 10.0), comm=comm)
+        support: Any = gx.constraints.Driven(hub, (0, 0, 1), angle=lambda t: 0.5 + 10.0 * t)
+    elif what == "edge":
+        support = lifted(comm, lambda t: 0.01)
+    elif what == "smooth":
+        support = lifted(comm, lambda t: 1e-3 * np.sin(30 * t) ** 2)
+    else:
+        # The run begins where the motion of the equilibrium has ended, and not where its own does.
+        support = lifted(comm, lambda t: 0.01 * t)
+        held = gx.Fixed(support.body, "right")
+        stretched = gx.Equilibrium(gx.Scene(support, held))
+        stretched.find(at=1.0)
+    with caplog.at_level(logging.WARNING):
+        caplog.clear()
+        start = [] if what != "equilibrium" else [held, gx.StartFrom(stretched.system)]
+        compiled(support, *start).run(until=1e-4)
+    warned = caplog.text.count("begins elsewhere than its body")
+    if comm.rank == 0:
+        assert warned == (what != "smooth")
+        assert "another rate" not in caplog.text
+
+
+Z = (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("joint", "axis", "is_suspect"),
+    [
+        (gx.constraints.RevoluteJoint, Z, False),
+        (gx.constraints.CylindricalJoint, (0, 0, -2), False),
+        (gx.constraints.RevoluteJoint, (0, 1e-3, 1), True),
+        (None, Z, True),
+    ],
+)
+def test_a_torsional_spring_without_its_hinge_is_warned_of(caplog, joint, axis, is_suspect) -> None:
+    """Where one side leans, its moment has not the work of its energy: that changes by 6e-6."""
+    hub = gx.RigidBody(1.0, (1.0, 1.2, 1.5), name=f"hub {joint} {axis}")
+    sides = (gx.ground_frame(), hub.frame())
+    name = f"spring of {hub.name}"
+    spring = gx.connectors.TorsionSpring(*sides, axis=Z, stiffness=4.0, name=name)
+    hinge = [] if joint is None else [gx.constraints.HoldDown(joint(*sides, axis=axis))]
+    with caplog.at_level(logging.WARNING):
+        compiled(spring, *hinge)
+    assert (f"'{name}' acts about the axis" in caplog.text) == is_suspect

@@ -47,6 +47,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.sensitivity.variables import (
@@ -103,6 +104,9 @@ MIN_STEP_RATIO = 1e-6
 # Change of the load in the first step on a branch, over that of a step times the tolerance: the
 # branch begins where its load does not change, and the branch point is known to the tolerance.
 BRANCH_LOAD_CHANGE = 10.0
+# Move of the first step on a branch, over the extent of the scene, where the load has moved nothing
+# before; it grows from there.
+BRANCH_MOVE = 1e-5
 # Growth of this step until the load has changed so much.
 BRANCH_GROWTH = 4.0
 
@@ -112,6 +116,9 @@ INVERSE_ITERATIONS = 4
 
 # Pseudo-time of a step [s]: so long that dampers do not resist.
 DURATION = 1e3
+
+# Move over the extent of the scene that positions do not show.
+EPSILON = float(np.finfo(float).eps)
 
 # Change of a probe along a branch over its value, below which it is round-off.
 ROUND_OFF = 1e-9
@@ -343,6 +350,8 @@ class _PathNewton(Newton):
         self._is_at_point = False
         # Scalar unknowns of the scene in the last iterate.
         self._y: Array = np.zeros(0)
+        # What was wrong with the loads of an iterate; None: nothing.
+        self._refusal: InputError | None = None
         self.row: Array = np.zeros(self._w.getLocalSize())
         self.weight = 0.0
         self.predicted = 0.0
@@ -355,9 +364,26 @@ class _PathNewton(Newton):
         increment.copy(self._increment)
         self._applied = None
         self._is_at_point = False
+        self._refusal = None
         # The fixed coordinates of the first iterate are those of the predicted load.
         self._apply(float(y[-1]))
-        return super().solve(increment, y)
+        try:
+            return super().solve(increment, y)
+        except NotConverged as failure:
+            if self._refusal is None:
+                raise
+            raise NotConverged(str(self._refusal)) from failure
+
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
+        """As `Newton._function`.  An iterate may have a load factor far from the path, e.g. one
+        with temperatures below 0 K: what refuses it ends the iteration, and not the path."""
+        try:
+            if self._refusal is None:
+                super()._function(snes, x, F)
+        except InputError as refusal:
+            self._refusal = refusal
+        if self._refusal is not None:
+            F.set(math.nan)
 
     @property
     def imbalance(self) -> float:
@@ -414,14 +440,24 @@ class _PathNewton(Newton):
         Leaves the system at a shifted load factor.  Collective."""
         columns, rows, corner = self.system.coupling()
         base = None if self._is_at_point else self._linearisation_point
-        forces, equations = self._rates(base)
+        own = self.weight / self.scale
+        try:
+            forces, equations = self._rates(base)
+        except InputError as refusal:
+            if self._is_at_point:
+                raise
+            # The next residual ends the iteration; up to there the matrix has to be regular.
+            self._refusal = refusal
+            forces = np.zeros(len(self.row))
+            equations = np.zeros(len(corner))
+            own = 1.0
         columns.append(forces)
         rows.append(self.row / self.scale)
         count = len(corner)
         whole = np.zeros((count + 1, count + 1))
         whole[:count, :count] = corner
         whole[:count, count] = equations
-        whole[count, count] = self.weight / self.scale
+        whole[count, count] = own
         return columns, rows, whole
 
     def _rates(self, base: PETSc.Vec | None) -> tuple[Array, Array]:
@@ -623,7 +659,9 @@ class _Follower:
                 "path: the tangent at the first point is singular; "
                 "hold what is free, prestress what is slack, or start from a larger load."
             )
-        if square > 0:
+        # Stresses that balance each other, as of a heated plate between clamps, leave round-off.
+        moved = self._largest_move(direction) * self._first_step
+        if moved > EPSILON * self._system.initial.extent():
             self._displacement_weight = 1 / square
         else:
             self._first_length = 1.0
@@ -636,6 +674,13 @@ class _Follower:
         with self._product as values:
             values[self._system.supports.held] = 0.0
         return float(direction.dot(self._product))
+
+    def _largest_move(self, direction: PETSc.Vec) -> float:
+        """The largest part of a direction [m], of which `_mass_square` was asked last, in a
+        coordinate that has mass and is not fixed: multipliers do not count.  Collective."""
+        parts = np.abs(direction.array_r)[self._product.array_r != 0]
+        largest = float(parts.max(initial=0.0))
+        return float(self._system.comm.allreduce(largest, op=MPI.MAX))
 
     def _unit(self, point: _Point) -> _Point:
         """Scale the tangent of a point to the length one, and return the point."""
@@ -753,6 +798,11 @@ class _Follower:
         system = self._system
         direction, slope = self._newton.null_direction()
         branch = _Point(0.0, last.factor, direction, slope, last.unstable, turns=True)
+        if not self._displacement_weight:
+            # The load has moved nothing up to here: on the branch a length of one is a small move.
+            square = self._mass_square(direction)
+            length = BRANCH_MOVE * system.initial.extent() / self._largest_move(direction)
+            self._displacement_weight = 1 / (square * length**2)
         self._unit(branch)
         # Central difference of the probe along the branch.
         here = system.q0.array_r.copy()

@@ -276,7 +276,8 @@ def _wrong_call(
     given = len(args)
     if not RECEIVERS.isdisjoint(signature.parameters):
         given -= 1
-    if given > len(positional):
+    takes_any_number = any(p.kind is p.VAR_POSITIONAL for p in parameters)
+    if given > len(positional) and not takes_any_number:
         limit = "in all cases"
         if positional:
             limit = f"after {positional[-1]!r}"
@@ -484,9 +485,9 @@ def _mapping(key: Any, value: Any) -> Kind:
 def _collection(entry: Any) -> Kind:
     """The test of a list, tuple, set or array of any length."""
     if entry is float:
-        return Kind(_are_numbers, "numbers")
+        return Kind(_are_numbers, "a list of numbers")
     if entry is int:
-        return Kind(_are_whole_numbers, "whole numbers")
+        return Kind(_are_whole_numbers, "a list of whole numbers")
     kind = kind_of(entry)
     if kind is None:
         return Kind(_is_collection, "a list")

@@ -14,21 +14,29 @@ exactly.  Methods of energies are those of `PointDensity`, methods of dampers th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Vector
+from gossamer_fx.core.model.body import Array, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
-from gossamer_fx.mechanics.bodies.frames import Between, Frame, across, check_axis, hinge_angle
+from gossamer_fx.mechanics.bodies.frames import (
+    SAME_DIRECTION,
+    Between,
+    Frame,
+    across,
+    bodies_of,
+    check_axis,
+    hinge_angle,
+)
 from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
 
 # [rad] Half of the change of the angle below which x/sin x and its derivative are their series: the
@@ -207,6 +215,28 @@ class AboutHinge(Between):
     def _sides(self) -> tuple[Frame, Frame]:
         """The frames a and b, with the vectors normal to the axis that the angle is made of."""
         return across(self.axis, self.a), across(self.axis, self.b)
+
+    def warnings(self, items: Iterable[Any]) -> Iterator[str]:
+        """A warning if no hinge of the scene turns about the axis: the angle is not that of a
+        rotation as soon as one side leans against the other.
+
+        A hinge of one side with a third body is enough: mechanisms in a plane have a ball joint
+        where another hinge would be too much.
+        """
+        # A joint of a `HoldDown` is part of the scene by that item only.
+        joints = [getattr(item, "joint", item) for item in items]
+        sides = set(bodies_of(self.a, self.b))
+        for joint in joints:
+            # Of the joints in `constraints`, which connectors do not import.
+            if getattr(joint, "is_hinge", False) and sides & set(bodies_of(joint.a, joint.b)):
+                sine = np.cross(unit(self.axis), unit(joint.axis))
+                if np.linalg.norm(sine) <= SAME_DIRECTION:
+                    return
+        yield (
+            f"'{self.name}' acts about the axis {self.axis}, about which no hinge of its bodies "
+            "turns, so that its angle has no meaning and energy does not close as soon as they "
+            "lean; add a RevoluteJoint of this axis, or give the axis of the hinge."
+        )
 
 
 @check_arguments

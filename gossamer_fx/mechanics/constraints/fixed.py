@@ -162,7 +162,7 @@ class Fixed(OnBody):
                 self.components == ALL_COMPONENTS and self.normal is None,
                 f"'{self.name}': components or normal are given, "
                 "but a clamped section of a beam has all of its coordinates fixed; "
-                "leave them out.",
+                "leave them out, or guide its frame by a PrismaticJoint from ground_frame().",
             )
 
     def terms(self, start: State) -> Iterable[Term]:

@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -255,8 +256,10 @@ class FixedJoint(FrameJoint):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AxisJoint(FrameJoint):
-    """Frames that share an axis, a direction in space at the start."""
+    """Frames that share an axis, a direction in space at the start, and turn about it if it is that
+    of a hinge."""
 
+    is_hinge: ClassVar[bool] = False
     axis: Vector
 
     def __post_init__(self) -> None:
@@ -284,6 +287,7 @@ class RevoluteJoint(AxisJoint):
         'revolute'
     """
 
+    is_hinge: ClassVar[bool] = True
     name: str = "revolute"
 
     @cached_property
@@ -406,6 +410,7 @@ class CylindricalJoint(AxisJoint):
         'cylindrical'
     """
 
+    is_hinge: ClassVar[bool] = True
     name: str = "cylindrical"
 
     @cached_property

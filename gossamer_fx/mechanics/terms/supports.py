@@ -142,22 +142,27 @@ class Supports(CompiledTerms["Support"]):
         if self._shares:
             self.prescribe(q.copy(), t)
 
-    def sudden(self, v0: PETSc.Vec, t: float, h: float) -> list[str]:
-        """Names of the supports whose motion begins, at a time t [s], at another rate than that of
-        its coordinates in the velocities v0; h [s] is the length of the first step.  Collective."""
-        found = []
+    def sudden(self, q0: PETSc.Vec, v0: PETSc.Vec, t: float, h: float) -> dict[str, float]:
+        """Supports, by name, whose motion begins at a time t [s] elsewhere than its coordinates in
+        q0, with the largest jump of one [m, of directors 1], or, with a jump of zero, at another
+        rate than theirs in the velocities v0; h [s] is the length of the first step.  Collective.
+        """
+        found = {}
         for moved in self._moved:
             first = moved.motion(t)
             change = moved.motion(t + START * h) - first
             way = moved.motion(t + h) - first
             unlike = change - START * h * v0.array_r[moved.at]
-            largest = np.zeros(3)
-            for k, values in enumerate((unlike, START * way, first)):
+            jump = first - q0.array_r[moved.at]
+            largest = np.zeros(4)
+            for k, values in enumerate((unlike, way, first, jump)):
                 largest[k] = np.abs(values).max(initial=0.0)
             self._numbering.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-            gap, typical, size = largest.tolist()
-            if gap > max(SMOOTH * typical, ROUND_OFF * size):
-                found.append(moved.name)
+            gap, distance, size, offset = largest.tolist()
+            if offset > max(SMOOTH * distance, AGREEMENT * size):
+                found[moved.name] = offset
+            elif gap > max(SMOOTH * START * distance, ROUND_OFF * size):
+                found[moved.name] = 0.0
         return found
 
     def take(self, r: PETSc.Vec) -> None:

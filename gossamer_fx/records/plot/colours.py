@@ -411,7 +411,10 @@ def default_field(run: RunReader) -> str:
     one.
     """
     known = run.known_fields()
-    check(bool(known), f"The run in '{run.folder}' has no bodies on a mesh; plot its curves.")
+    check(
+        bool(known),
+        f"The run in '{run.folder}' has no bodies on a mesh; plot its curves (--curves).",
+    )
     for field in ("mode_amplitude", "state"):
         if field in known:
             return field

@@ -242,7 +242,7 @@ class RunReader:
         """
         check(
             len(self.times) > 0,
-            f"The run in '{self.folder}' has no fields; let it run, or plot its curves.",
+            f"The run in '{self.folder}' has no fields; let it run, or plot its curves (--curves).",
         )
         first = self.times[0]
         last = self.times[-1]

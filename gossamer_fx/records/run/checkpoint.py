@@ -816,10 +816,12 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     if not (path / "run.json").is_file():
         folder = latest_checkpoint(path)
     if folder is None:
-        raise InputError(
-            f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without "
-            "restart."
-        )
+        remedy = "give a folder of checkpoints, or start without restart."
+        # Older checkpoints are removed: a wanted step may have been among them.
+        others = [other.name for other in complete(path.parent)]
+        if others:
+            remedy = f"give one of the newest there, {', '.join(others[-3:])}."
+        raise InputError(f"There is no checkpoint in '{path}'; {remedy}")
     try:
         page = (folder / "run.json").read_bytes()
         state = json.loads(page)

@@ -436,10 +436,21 @@ class Simulation:
         self._go([*milestones, until], signals)
 
     def _warn_of_sudden_starts(self, until: float) -> None:
-        """Warn of supports whose motion begins at another rate than that of the body: the velocity
-        would alternate from step to step.  Collective."""
+        """Warn of supports whose motion begins elsewhere than the body, or at another rate: the
+        velocity would alternate from step to step.  Collective."""
+        system = self.system
         first_step = min(self.stepping.wanted, until - self.time)
-        for name in self.system.supports.sudden(self.system.v0, self.time, first_step):
+        sudden = system.supports.sudden(system.q0, system.v0, self.time, first_step)
+        for name, jump in sudden.items():
+            if jump:
+                LOGGER.warning(
+                    "'%s' begins elsewhere than its body: a coordinate jumps by %.3g in the first "
+                    "step, the length of which then sets its velocity; let the motion begin where "
+                    "the body starts.",
+                    name,
+                    jump,
+                )
+                continue
             LOGGER.warning(
                 "'%s' begins at another rate than the velocity of its body, so that the velocity "
                 "will alternate from step to step; give the body the velocity or spin with which "

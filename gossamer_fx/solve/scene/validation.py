@@ -86,6 +86,8 @@ def warnings(items: list[Any]) -> Iterator[str]:
             yield from _of_strain(item)
         for holder in (item, getattr(item, "law", None)):
             yield from _of_numbers(item.name, holder)
+        if hasattr(item, "warnings"):
+            yield from item.warnings(items)
 
 
 def _of_mesh(body: MeshBody) -> Iterator[str]:

@@ -109,22 +109,29 @@ class TwoLevel:
             self._coarse.set_up(self._fixed, self._multigrid)
 
     def _set_up_local_part(self, begins_step: bool) -> None:
-        """Factorise A incompletely, with the levels of fill that the last solve suggests: 2 at
-        first, 6 after a solve that took more than 20 applications or from the start, and 10 for
-        the rest of a step after one that took more than 40.  Collective."""
+        """Factorise A incompletely, with the levels of fill that the last solve suggests.
+        Collective."""
         self._multigrid.setOperators(self._A)
         # This sets those of the incomplete factorisation, too.
         self._multigrid.getMGSmoother(len(self._coarse.interpolations)).setOperators(self._A)
-        if not self._levels:
-            self._choose_fill(ILU_LEVELS_DIFFICULT if self._is_difficult else ILU_LEVELS)
-        elif begins_step and self._levels == ILU_LEVELS_WORST:
-            self._choose_fill(ILU_LEVELS_DIFFICULT)
-        elif self._levels == ILU_LEVELS and self._applications > MORE_FILL_ABOVE:
-            self._choose_fill(ILU_LEVELS_DIFFICULT)
-        elif self._levels == ILU_LEVELS_DIFFICULT and self._applications > MOST_FILL_ABOVE:
-            self._choose_fill(ILU_LEVELS_WORST)
+        wanted = self._wanted_fill(begins_step)
+        if wanted != self._levels:
+            self._choose_fill(wanted)
         self._multigrid.setUp()
         self._local.setUpOnBlocks()
+
+    def _wanted_fill(self, begins_step: bool) -> int:
+        """Levels of fill: 2 at first, 6 after a solve that took more than 20 applications or from
+        the start, and 10 for the rest of a step after one that took more than 40."""
+        if not self._levels:
+            return ILU_LEVELS_DIFFICULT if self._is_difficult else ILU_LEVELS
+        if self._levels == ILU_LEVELS and self._applications <= MORE_FILL_ABOVE:
+            return ILU_LEVELS
+        if self._levels == ILU_LEVELS_DIFFICULT and self._applications > MOST_FILL_ABOVE:
+            return ILU_LEVELS_WORST
+        if self._levels == ILU_LEVELS_WORST and not begins_step:
+            return ILU_LEVELS_WORST
+        return ILU_LEVELS_DIFFICULT
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Compute z from r by (1) to (3); called by PETSc."""
