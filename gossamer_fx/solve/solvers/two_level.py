@@ -22,9 +22,9 @@ bands in an almost slack film.  Measured on a fluttering film of 78 thousand unk
 levels most systems are not solved within 60 iterations, four levels take 25, six take 6, and eight
 cost more than they save.  In a quiet film two levels serve as well as six, for a third of the time.
 On a film of 300 thousand unknowns, in the worst steps, six levels do not solve a system within 60
-iterations, and Newton's iteration takes 173 such solves for two steps; ten levels take 18, and 32
-solves.  Therefore L starts with two levels, gets six when a solve has taken many iterations, and
-for the rest of a step ten when it has taken many more.
+iterations, and Newton's iteration takes 173 such solves for two steps; with ten they are solved in
+18, and two steps take 32 to 42 solves.  Therefore L starts with two levels, gets six when a solve
+has taken many iterations, and for the rest of a step ten when it has taken many more.
 
 Several ranks factorise parts that overlap by three cells (additive Schwarz); without overlap the
 number of iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
