@@ -402,7 +402,7 @@ def _marked(kind: Kind, mark: Count | Range) -> Kind:
         )
     return Kind(
         lambda value: kind.accepts(value) and len(value) == mark.entries,
-        f"{_COUNTS.get(mark.entries, mark.entries)} {kind.words}",
+        f"{_COUNTS.get(mark.entries, mark.entries)} {kind.words.removeprefix('a list of ')}",
     )
 
 
