@@ -44,9 +44,9 @@ BYTES_OF_NUMBER = 8
 
 # What `./gossamer bench rank_counts` counts on eight ranks for the sheet of 44 thousand unknowns,
 # with a coarse space of one, two and three levels: messages to each neighbour and reductions for a
-# Krylov iteration and its share of Newton's.  Of the messages 6.2 are those of the mesh; the others
-# are short.
+# Krylov iteration and its share of Newton's.
 MESSAGES_TO_NEIGHBOUR = {1: 8.6, 2: 8.8, 3: 11.7}
+# Of them those of the mesh; the others are short.
 MESSAGES_OF_MESH = 6.2
 REDUCTIONS = {1: 7.3, 2: 6.7, 3: 7.0}
 # Krylov iterations there over those of one rank.  Of linear solves to 1e-8 (`-gx_ksp_rtol 1e-8`),

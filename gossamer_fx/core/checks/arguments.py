@@ -84,7 +84,7 @@ _NOT_COMPARED = RECEIVERS | {"progress"}
 
 @dataclass(frozen=True)
 class Count:
-    """Mark of an annotated sequence that has this number of entries."""
+    """Mark of an annotated sequence of numbers that has this number of entries."""
 
     entries: int
 
@@ -402,8 +402,13 @@ def _marked(kind: Kind, mark: Count | Range) -> Kind:
         )
     return Kind(
         lambda value: kind.accepts(value) and len(value) == mark.entries,
-        f"{_COUNTS.get(mark.entries, mark.entries)} {kind.words.removeprefix('a list of ')}",
+        _numbers(mark.entries),
     )
+
+
+def _numbers(count: int) -> str:
+    """So many numbers, in words."""
+    return f"{_COUNTS.get(count, count)} numbers"
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
@@ -438,8 +443,7 @@ def _tuple(hints: tuple[Any, ...]) -> Kind:
         return all(kind is None or kind.accepts(one) for kind, one in pairs)
 
     if all(hint is float for hint in hints):
-        count = _COUNTS.get(len(kinds), str(len(kinds)))
-        return Kind(accepts, f"{count} numbers")
+        return Kind(accepts, _numbers(len(kinds)))
     each = [kind.words for kind in kinds if kind is not None]
     return Kind(accepts, f"a tuple of {' and '.join(each)}")
 
