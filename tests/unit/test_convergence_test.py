@@ -113,9 +113,9 @@ def test_round_off_of_a_stiff_body_does_not_hide_another_body() -> None:
     assert answer(film=3.9e-3 * floor)
     # Either the work of the residual is small, up to a factor of a hundred ...
     assert answer(film=2 * floor, energy=lambda factor: factor >= 100)
-    # ... or half of the iterations are over.
-    assert not answer(film=2 * floor, before=18)
-    assert answer(film=2 * floor, before=19)
+    # ... or three quarters of the iterations are over.
+    assert not answer(film=2 * floor, before=28)
+    assert answer(film=2 * floor, before=29)
 
 
 def test_a_body_without_forces_is_asked_for_a_share_of_the_residual() -> None:

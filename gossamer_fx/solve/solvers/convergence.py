@@ -24,7 +24,7 @@ cancel there, of which F_max is the largest:
 
     |r_b| <= F_b/F_max max(tolerance (1), STAGNATION_FACTOR × round-off floor)                (3)
 
-After half of the iterations that the tolerances allow neither is asked.
+After `LATE_SHARE` of the iterations that the tolerances allow neither is asked.
 """
 
 from __future__ import annotations
@@ -103,6 +103,11 @@ FLOOR_STAGNATION_RATIO = 0.1
 # of 1000, 100 and 10 take 71, 98 and 122 iterations, 61 without any limit, and leave energy errors
 # of 1e-9, 1e-10 and 3e-11, 3e-9 without.
 STAGNATION_ENERGY_FACTOR = 100.0
+
+# Share of the iterations that the tolerances allow after which round-off of the stiffest body is
+# enough.  In the first step of an antenna of 499 thousand unknowns, from rest, 20 iterations leave
+# an energy error of 8e-8, and 30 of 7e-10.
+LATE_SHARE = 0.75
 
 # No body is asked for a smaller share of the residual, F_b/F_max in (3).
 LEAST_BODY_SHARE = 1e-4
@@ -228,7 +233,7 @@ class ConvergenceTest:
         elif imbalance <= max(self.tolerance, self.round_off):
             is_balanced = (
                 self._body_scales.size == 0
-                or len(self.norms) > self._tolerances.max_iterations / 2
+                or len(self.norms) > LATE_SHARE * self._tolerances.max_iterations
                 or energy_error_is_small(STAGNATION_ENERGY_FACTOR)
                 or self._is_round_off_of_each(body_imbalances())
             )
