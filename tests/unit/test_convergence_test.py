@@ -99,7 +99,7 @@ def test_the_smallest_floor_counts() -> None:
 
 def test_round_off_of_a_stiff_body_does_not_hide_another_body() -> None:
     """A boom with 1e3 times the forces of a film: forces in the film of the round-off of the boom
-    are none of its own."""
+    are not the round-off of the film."""
     floor = 1e-3
     residual = Residual(3 * floor)
 

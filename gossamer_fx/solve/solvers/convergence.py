@@ -19,7 +19,7 @@ energy, must also be small:
 Round-off of booms that are a million times stiffer than a film between them hides the film: its
 state may be wrong by a thousand times its own round-off in a residual that no longer falls.  In
 time steps of several bodies such a residual counts as solved only if (2) holds up to a factor of
-`STAGNATION_ENERGY_FACTOR`, or if the forces r_b of each body are small beside the forces F_b that
+`STAGNATION_ENERGY_FACTOR`, or if the forces r_b of each body are small against the forces F_b that
 cancel there, of which F_max is the largest:
 
     |r_b| <= F_b/F_max max(tolerance (1), STAGNATION_FACTOR × round-off floor)                (3)
@@ -154,7 +154,7 @@ class ConvergenceTest:
         self.reference = 0.0
         self.round_off_floor = 0.0
         # F_b [N] of the bodies in (3); none while they are not known, or with one body.
-        self._body_scales = np.empty(0)
+        self._body_scales: Array = np.empty(0)
         self._previous_norm = math.inf
         self._contact_floor = 0.0  # fourth number of (1) [N]
 
