@@ -885,23 +885,21 @@ class System:
         from the diagonal of the tangent: of all of them, and of those of each body (bodies,), none
         in scenes of one body and in statics.  Collective."""
         squares = self.increment.cancelling_squares(self.M, diagonal, self.q1)
+        own = [squares.sum()]
+        if len(self.bodies) > 1 and not self.rule.is_static:
+            own += self._body_sums(squares)
+        # Forces of gas may act on any body.
         of_scalars = sum([scalars.force_square() for scalars in self.scalar_unknowns])
-        square = float(squares.sum()) + of_scalars
-        if self.comm.size > 1:
-            square = self.comm.allreduce(square)
-        has_scales = len(self.bodies) > 1 and not self.rule.is_static
-        return square**0.5, self._body_norms(squares) if has_scales else np.empty(0)
-
-    def _body_norms(self, squares: Array) -> Array:
-        """Norms (bodies,) of the forces of each body, from the squares [N²] of this rank's forces.
-        Collective."""
-        blocks = [squares[self.block(body).owned] for body in self.bodies]
-        own = np.array([block.sum() for block in blocks])
-        return np.sqrt(self.comm.allreduce(own))
+        norms = np.sqrt(self.comm.allreduce(np.array(own) + of_scalars))
+        return float(norms[0]), norms[1:]
 
     def body_imbalances(self, r: PETSc.Vec) -> Array:
         """Norms (bodies,) of the forces of each body in a residual [N].  Collective."""
-        return self._body_norms(r.array_r**2)
+        return np.sqrt(self.comm.allreduce(np.array(self._body_sums(r.array_r**2))))
+
+    def _body_sums(self, values: Array) -> list[float]:
+        """Sums over the unknowns of each body that this rank has."""
+        return [values[self.block(body).owned].sum() for body in self.bodies]
 
     def kinetic_energy_of_step(self) -> float:
         """Kinetic energy [J] at the mean velocity of the step, (q1 - q0)/h.  Collective."""
