@@ -462,8 +462,6 @@ BODIES: dict[str, Case] = {
     "a property of nan": lambda at: run(film(properties={"thickness": lambda X: np.nan * X[0]})),
     "a property of density None": lambda at: run(film(properties={"density": None})),
     "a stress of nan": lambda at: run(film(initial_stress=np.full((3, 3), math.nan))),
-    "an unsymmetric stress": lambda at: run(film(initial_stress=np.triu(np.ones((3, 3))))),
-    "stress and strain": lambda at: run(film(initial_stress=np.eye(3), initial_strain=np.eye(3))),
     "thermal without gradient": lambda at: (
         run(film(thermal=gx.materials.ThermalExpansion(1e-5))).time == 2e-4
     ),
@@ -587,9 +585,6 @@ SCENES: dict[str, Case] = {
         energy(run(film(), gx.RigidMotion(spin=Z), gx.RigidMotion(spin=Z, name="b"))),
         energy(run(film(), gx.RigidMotion(spin=(0.0, 0.0, 2.0)))),
     ),
-    "start from twice": lambda at: (
-        lambda found: run(film(), gx.StartFrom(found.system), gx.StartFrom(found.system, name="b"))
-    )(held()),
     "a pressure that is a generator": lambda at: with_film(
         lambda sail: gx.Pressure(sail, lambda t: (k for k in range(3)))
     ),
@@ -916,7 +911,6 @@ RUNS: dict[str, Case] = {
     "a restart with changes of nobody": lambda at: run(
         film(), restart=saved(at), changes=["wing"], until=4e-4
     ),
-    "changes without restart": lambda at: run(film(), changes=["film"]),
     "a report of nothing": lambda at: gx.plot.RunReader(at),
     "a report of a file": lambda at: gx.plot.RunReader(written(at / "run", "")),
     "a report of tables in UTF-16": lambda at: reader(
@@ -997,11 +991,6 @@ def swept(at: Path, outcome: Callable[..., Any], over: Any = None) -> Any:
 
 
 ANALYSES: dict[str, Case] = {
-    "a reaction before find": lambda at: (
-        lambda sail: (
-            lambda support: gx.Equilibrium(gx.Scene(sail, support)).reaction(support) is not None
-        )(gx.Fixed(sail, "left"))
-    )(film()),
     "a chamber of no name": lambda at: at_rest().chamber("bottle"),
     "an equilibrium that floats": lambda at: (
         gx.Equilibrium(gx.Scene(film())).find().within_tolerance
