@@ -279,7 +279,7 @@ def problem(comm: MPI.Comm, thickness: float, model: str) -> dict[str, float]:
 
 def draw(results: list[Result], path: Path) -> None:
     """Excess of m over that of a film without compressive stress, by the stress of the wrinkles."""
-    from demos.common.figures import BLUE, GREEN, GREY, RED, finish, new_figure, save
+    from demos.common.figures import BLUE, GREEN, GREY, RED, new_figure, save
 
     figure = new_figure(width=6.4, height=4.2)
     axes = figure.subplots()
@@ -292,9 +292,14 @@ def draw(results: list[Result], path: Path) -> None:
         if model == WITH_TENSION:
             by_hand = [r.numbers["excess by hand"] for r in rows]
             axes.plot(stresses, by_hand, "--", color=colour, label="by hand")
-    stress_label = "predicted stress of the wrinkles over the tension"
-    finish(axes, stress_label, "moment 2M/(PH) less that of a tension field")
-    save(figure, path, "A bent strip: laws of its mean stress and resolved wrinkles")
+    axes.set(
+        xlabel="predicted stress of the wrinkles over the tension",
+        ylabel="moment 2M/(PH) less that of a tension field",
+        title="A bent strip: laws of its mean stress and resolved wrinkles",
+    )
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    save(figure, path)
 
 
 STUDY = Study(
