@@ -15,9 +15,8 @@ ends; "counted" are the wrinkles of the whole line, fans included.  The cells of
 along the wrinkles and short across: four across half a wrinkle.  With two the wrinkles come out 1.7
 times as long, with three 1.5 times: cells that cannot follow a wrinkle without stretching resist
 it.  The plate starts from small wrinkles of the theory's length ("theory") or of 1.3 times that
-("long").  From "long" it comes to 1.09 times
-the theory's length: 19.5 wrinkles, 1.22 times its amplitude, and an energy that is less by 3e-5 of
-itself.
+("long").  From "long" it comes to 1.09 times the theory's length: 19.5 wrinkles, 1.22 times its
+amplitude, and an energy that is less by 3e-5 of itself.
 """
 
 from __future__ import annotations
