@@ -11,7 +11,6 @@ from scipy.optimize import fsolve
 
 import gossamer_fx as gx
 from gossamer_fx.loads import FluidPressure, StandardAtmosphere, UniformFluid
-from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import HELIUM
@@ -140,29 +139,12 @@ def natural_shape():
 
 
 def wedge(comm):
+    """A row of cells on a cylinder, and the normal of its second plane of symmetry."""
     angle = 2 * math.pi / AROUND
-
-    def arrays():
-        sides = np.array([0.0, angle])
-        ring = WIDE * np.stack([np.cos(sides), np.sin(sides), 0 * sides], axis=1)
-        points = np.repeat(ring[None], ALONG + 1, axis=0)
-        points[:, :, 2] = np.linspace(0.0, LENGTH, ALONG + 1)[:, None]
-        number = np.arange(2 * (ALONG + 1)).reshape(-1, 2)
-        triangles = []
-        for i in range(ALONG):
-            a, b = number[i]
-            d, c = number[i + 1]
-            triangles += [(a, b, c), (a, c, d)] if i % 2 else [(a, b, d), (b, c, d)]
-        lines = {
-            "first": number[:, 0],
-            "second": number[:, 1],
-            "foot": number[0],
-            "top": number[-1],
-        }
-        groups = {name: np.stack([line[:-1], line[1:]], axis=1) for name, line in lines.items()}
-        return points.reshape(-1, 3), np.array(triangles), groups
-
-    return mesh_of_arrays(comm, arrays), (-math.sin(angle), math.cos(angle), 0.0)
+    mesh = sheet(comm, 1, ALONG, angle, LENGTH)
+    X = mesh.domain.geometry.x
+    X[:] = np.column_stack([WIDE * np.cos(X[:, 0]), WIDE * np.sin(X[:, 0]), X[:, 1]])
+    return mesh, (-math.sin(angle), math.cos(angle), 0.0)
 
 
 def half_round(X):
@@ -180,10 +162,10 @@ def test_natural_shape_of_a_balloon_follows_its_differential_equation(comm):
     law = gx.Miyazaki(1e9, 0.0, density=1000.0, thickness=1e-4, residual_stiffness=1e-8)
     film = gx.Membrane(mesh, law, displacement=half_round)
     held = [
-        gx.Fixed(film, "foot"),
+        gx.Fixed(film, "bottom"),
         gx.Fixed(film, "top", components=(0, 1)),
-        gx.Fixed(film, "first", components=(1,)),
-        gx.Fixed(film, "second", normal=normal),
+        gx.Fixed(film, "left", components=(1,)),
+        gx.Fixed(film, "right", normal=normal),
     ]
     lift = FluidPressure(film, UniformFluid(1.0), side="outside")
     equilibrium = gx.Equilibrium(gx.Scene(lift, *held))
