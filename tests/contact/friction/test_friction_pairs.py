@@ -35,26 +35,30 @@ def rubbing_pairs(kind: int) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
     pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))
     weights = gap_weights_of(pairs.kind, parameters_at_start(pairs))
     gap = np.einsum("nk,nkc->nc", weights, x0.reshape(COUNT, 4, 3))
-    is_triangle = kind == PointTriangle.number
+    start = SlidingGeometry(
+        normal=gap / np.linalg.norm(gap, axis=1)[:, None],
+        gap_weights=weights,
+        direction_weights=np.broadcast_to(EDGE_WEIGHTS[kind], (COUNT, 2, 4)),
+    )
     block_index = np.arange(16 * COUNT, dtype=np.int32).reshape(COUNT, 16)
-    rub = FrictionPairs(
+    return pairs_with_start(kind, pairs, start, block_index=block_index), x0, x1
+
+
+def pairs_with_start(kind: int, pairs, start: SlidingGeometry, **options) -> FrictionPairs:
+    is_triangle = kind == PointTriangle.number
+    return FrictionPairs(
         # Weights of the points of one side of the pair: one point, or two of an edge.
         pairs=pairs,
         law=ContactLaw.BARRIER,
         side_weights=np.tile([1.0, 0, 0, 0] if is_triangle else [1.0, 1, 0, 0], (COUNT, 1)),
         geometry=BetweenBodies(pairs.kind),
-        start=SlidingGeometry(
-            normal=gap / np.linalg.norm(gap, axis=1)[:, None],
-            gap_weights=weights,
-            direction_weights=np.broadcast_to(EDGE_WEIGHTS[kind], (COUNT, 2, 4)),
-        ),
+        start=start,
         points=pairs.points,
         point_weights=np.broadcast_to(np.eye(4), (COUNT, 4, 4)),
         coefficient=np.full(COUNT, COEFFICIENT),
         block_rows=pairs.points.astype(np.int64),
-        block_index=block_index,
+        **options,
     )
-    return rub, x0, x1
 
 
 @pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
@@ -117,19 +121,8 @@ def forces_from(kind: int, pairs, x0: np.ndarray, x1: np.ndarray) -> np.ndarray:
 
 def sliding_pairs(kind: int, pairs, x0: np.ndarray) -> FrictionPairs:
     """Pairs with starts, whose directions are those of the program."""
-    geometry = BetweenBodies(pairs.kind)
-    is_triangle = kind == PointTriangle.number
-    return FrictionPairs(
-        pairs=pairs,
-        law=ContactLaw.BARRIER,
-        side_weights=np.tile([1.0, 0, 0, 0] if is_triangle else [1.0, 1, 0, 0], (COUNT, 1)),
-        geometry=geometry,
-        start=geometry.at(x0[pairs.points], parameters_at_start(pairs)),
-        points=pairs.points,
-        point_weights=np.broadcast_to(np.eye(4), (COUNT, 4, 4)),
-        coefficient=np.full(COUNT, COEFFICIENT),
-        block_rows=pairs.points.astype(np.int64),
-    )
+    start = BetweenBodies(pairs.kind).at(x0[pairs.points], parameters_at_start(pairs))
+    return pairs_with_start(kind, pairs, start)
 
 
 @pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
