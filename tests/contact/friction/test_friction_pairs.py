@@ -21,7 +21,7 @@ from gossamer_fx.mechanics.contact.friction.start_derivative import (
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.potential import ContactLaw, pair_starts
 from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle, gap_weights_of
-from tests.contact.random_pairs import near_pairs
+from tests.contact.random_pairs import derivative_by_differences, near_pairs
 
 # Pairs of each kind; of them some ten rub.
 COUNT = 40
@@ -93,16 +93,8 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(
     blocks = np.zeros((16 * COUNT, 9))
     rub.add_tangents(step, np.ones(4 * COUNT), blocks)
     K = blocks.reshape(COUNT, 4, 4, 3, 3).transpose(0, 1, 3, 2, 4).reshape(COUNT, 12, 12)
-    # Balances truncation and round-off for positions of unit size.
-    difference = 1e-7
-    numeric = np.zeros_like(K)
-    for j in range(12):
-        change = np.zeros((4, 3))
-        change.flat[j] = difference
-        everywhere = np.tile(change, (COUNT, 1))
-        up = forces(x1 + everywhere)
-        down = forces(x1 - everywhere)
-        numeric[:, :, j] = ((up - down) / (2 * difference)).reshape(COUNT, 12)
+    # 1e-7 balances truncation and round-off for positions of unit size.
+    numeric = derivative_by_differences(forces, x1, 1e-7)
     good = [
         np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-4 * abs(K[i]).max())
         for i in np.flatnonzero(rubs)
