@@ -152,9 +152,9 @@ def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
 
     With 24 gores and 0.92 it is 0.92, and the height is 6 % above that of the limit.
     """
-    balloon = pumpkin.build(COMM, gores=16)
+    balloon = pumpkin.build(COMM, gores=16, apart=0.0)
     statics = balloon.statics
-    for t in (0.5, 1.0, 1.2, 2.0):
+    for t in (1.0, 1.2, 2.0):
         statics.find(at=t)
     # All poles are one point, although the ties there are one more than needed.
     ends = [statics.system.state.vector(balloon.film.port(f"first {k}")) for k in range(16)]
