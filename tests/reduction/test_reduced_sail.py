@@ -15,6 +15,7 @@ from demos.methods.reduced_sail import main, saddle, steady
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import AreaFractions
+from gossamer_fx.records.outputs.description import describe
 from tests.small_scenes import momentum_changes, run_until
 
 COMM = MPI.COMM_WORLD
@@ -190,6 +191,12 @@ def test_fields_are_those_of_the_whole_film(recorded) -> None:
     # The areas of taut, wrinkled and slack film add up to the whole.
     assert AreaFractions([reduced])(run.system).sum() == pytest.approx(1.0)
     # Its shape is that of its nodes, and a port snaps to one of them.
+    x = gx.fields.positions(run, reduced)
+    owned = film.space.dofmap.index_map.size_local
+    np.testing.assert_allclose(x, run.system.state[reduced].local_positions()[:owned], atol=1e-15)
+    assert x.shape == (owned, 3)
+    low, high = describe(run)["bodies"][reduced.name]["box"]
+    assert np.ptp([low, high], axis=0)[:2] == pytest.approx(SIDE, rel=1e-6)
     plane = gx.analysis.best_surface(run, reduced)
     assert plane.area == pytest.approx(SIDE**2, rel=1e-3) and plane.rms < 1e-12
     state = run.system.state

@@ -91,6 +91,14 @@ class BodyState:
         body.reconstruct(coordinates, self._q.array_r[self.owned])
         return coordinates
 
+    def node_positions(self) -> Array:
+        """Positions (n, 3) [m] of the owned nodes, of a reduced film those of the film that was
+        reduced.  Collective."""
+        body = self.body
+        if not is_on_mesh(body) or body.full is body:
+            return self.positions()
+        return self.local_positions()[: body.full.block.index_map.size_local]
+
     def local_positions(self) -> Array:
         """Positions (m, 3) [m] of owned and ghost nodes of a body on a mesh.  Collective."""
         function = self.function()

@@ -528,11 +528,11 @@ def _groups_of_film(film: Membrane) -> tuple[list[str], Integers]:
 
 @check_arguments
 def positions(state: HasSystem, body: Body) -> Array:
-    """Positions (n, 3) [m] of this rank's nodes of a body.
+    """Positions (n, 3) [m] of this rank's nodes of a body.  Collective.
 
     Args:
         state: a `Simulation` in its current state, or an `Equilibrium`.
-        body: a body of its scene.
+        body: a body of its scene; a reduced film has the nodes of the film that was reduced.
 
     Returns:
         A copy, which does not change with the state.
@@ -544,7 +544,7 @@ def positions(state: HasSystem, body: Body) -> Array:
         >>> gx.fields.positions(run, mass)
         array([[ 0.,  0., -1.]])
     """
-    return state.system.state[body].positions().copy()
+    return state.system.state[body].node_positions().copy()
 
 
 @check_arguments

@@ -75,7 +75,7 @@ def _body(run: StateView, body: Body) -> Description:
         [m].
     """
     nodes = body.block.index_map.size_global
-    positions = run.system.state[body].positions()
+    positions = run.system.state[body].node_positions()
     found: Description = {
         "kind": type(body).__name__,
         "nodes": nodes,

@@ -336,7 +336,7 @@ class OpenedOutputs(ExitStack):
 
 def _scene_size(view: StateView) -> float:
     """Largest side of the box around all bodies [m]; 1 m for a scene of one point.  Collective."""
-    positions = [body.positions() for body in view.system.state]
+    positions = [body.node_positions() for body in view.system.state]
     low, high = box(view.comm, np.concatenate([np.zeros((0, 3)), *positions]))
     return float((high - low).max()) or 1.0
 
