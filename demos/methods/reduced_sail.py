@@ -29,7 +29,6 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.solve.system.totals import relative_drift
 
@@ -184,7 +183,7 @@ def main(
             started = time.process_time()
             run.run(until=t)
             seconds[k] += time.process_time() - started
-        found.append(_shape(few, reduced))
+        found.append(gx.fields.positions(few, reduced))
     height = max(_largest(comm, x[:, 2]) for x in truth.positions)
     differences = [
         _largest(comm, (exact - approximate)[:, 2])
@@ -219,14 +218,6 @@ def main(
         "seconds_trained": trained,
         "seconds_of_the_long_flight": long.seconds,
     }
-
-
-def _shape(run: gx.Simulation, sail: Any) -> np.ndarray:
-    """Owned positions (n, 3) of the whole film."""
-    shape = BodyShape(run.system, sail)
-    shape.update()
-    owned = sail.full.space.dofmap.index_map.size_local
-    return shape.q.x.array.reshape(-1, 3)[:owned].copy()
 
 
 def _largest(comm: MPI.Comm, values: np.ndarray) -> float:

@@ -34,7 +34,6 @@ from demos.studies.engine.study import Study
 from gossamer_fx.analysis.reduction.basis import mass_times
 from gossamer_fx.core.algebra.rotations import rotations
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.solve.system.totals import relative_drift
 
@@ -129,17 +128,14 @@ def predicted(
     )
     trained = time.process_time() - started
     run = flight(sail, FASTER * SPIN, DT)
-    shape = BodyShape(run.system, sail)
     found = []
-    own = known.film.space.dofmap.index_map.size_local
     # Time of the steps only, as that of the full model.
     seconds = 0.0
     for t in TIMES:
         started = time.process_time()
         run.run(until=t)
         seconds += time.process_time() - started
-        shape.update()
-        found.append(shape.q.x.array.reshape(-1, 3)[:own].copy())
+        found.append(gx.fields.positions(run, sail))
     σ = sail.basis.singular_values
     missed = stress(run, sail) - known.stress
     return {
