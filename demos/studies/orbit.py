@@ -19,9 +19,7 @@ The exact drifts are those of an eighth-order integration of the whole equations
 first order in J2, -3/2 n J2 (a_E/p)² cos i for the node, are some 0.4 % off.
 
 `energy` and `momentum` are the closing error of the ledger and the change of the angular momentum
-of the whole.  The ledger holds the motion about the centre of mass, 1 mJ of the dumbbell; the
-round-off of its spring's force (1e5 N/m times 20 m times 1e-16) along paths of metres is 1e-9 J a
-step of that, and 1e-17 of the energy of the orbit.
+of the whole.  The ledger holds the motion about the centre of mass, 1 mJ of the dumbbell.
 """
 
 from __future__ import annotations
