@@ -10,11 +10,45 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.arrays import mesh_of_arrays
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 MATERIAL = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 WRINKLING = gx.Miyazaki(**MATERIAL)
 LINEAR = gx.Linear(**MATERIAL)
 AIR = gx.IdealGas(gamma=1.4, R=287.0)
+ALONG_X = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]
+
+
+def film(comm: MPI.Intracomm = MPI.COMM_WORLD, **options: Any) -> gx.Membrane:
+    """A unit square of eight cells."""
+    return gx.Membrane(sheet(comm, 2, 2), LINEAR, **options)
+
+
+def plate(**options: Any) -> gx.Plate:
+    """The same as a plate."""
+    return gx.Plate(sheet(MPI.COMM_WORLD, 2, 2), LINEAR, **options)
+
+
+def cable(**options: Any) -> gx.Cable:
+    """Two cells along x."""
+    return gx.Cable(line(MPI.COMM_WORLD, ALONG_X, 2), gx.CableLaw(1e5, 0.1), **options)
+
+
+def beam(**options: Any) -> gx.Beam:
+    """Two cells along x."""
+    section = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)
+    return gx.Beam(line(MPI.COMM_WORLD, ALONG_X, 2), section, **options)
+
+
+def body(**options: Any) -> gx.RigidBody:
+    """Of unit mass and inertia."""
+    return gx.RigidBody(1.0, (1.0, 1.0, 1.0), **options)
+
+
+def tank(gas: gx.IdealGas = AIR, **options: Any) -> gx.Tank:
+    """A litre at 1 bar."""
+    return gx.Tank(1e-3, gas=gas, pressure=1e5, temperature=300.0, **options)
 
 
 def three_sheets() -> gx.Mesh:

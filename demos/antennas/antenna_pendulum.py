@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
 from demos.antennas.antenna_attitude import FILM, SIDE, antenna
@@ -40,27 +41,18 @@ RESOLUTIONS = (
 )
 
 
-def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
-    """θ(t) [rad] of the rigid limit from rest at θ = 0, by the classical Runge-Kutta rule between
-    the given times."""
+def rigid_angle(t: np.ndarray) -> np.ndarray:
+    """θ(t) [rad] of the rigid limit from rest at θ = 0, at times t (n,) [s] from 0 on."""
     rate = 12 * G / (7 * SIDE * 2**0.5)
-
-    def slope(y: np.ndarray) -> np.ndarray:
-        return np.array([y[1], rate * np.cos(y[0])])
-
-    # The state is the angle and its rate.
-    y = np.zeros(2)
-    angles = [0.0]
-    for h in np.repeat(np.diff(t) / substeps, substeps).reshape(-1, substeps):
-        # Slopes at the start, twice in the middle, and at the end of a step.
-        for k in h:
-            k1 = slope(y)
-            k2 = slope(y + k / 2 * k1)
-            k3 = slope(y + k / 2 * k2)
-            k4 = slope(y + k * k3)
-            y = y + k / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        angles.append(y[0])
-    return np.array(angles)
+    found = solve_ivp(
+        lambda _, y: (y[1], rate * np.cos(y[0])),
+        (0.0, t[-1]),
+        (0.0, 0.0),
+        t_eval=t,
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    return np.asarray(found.y[0])
 
 
 class FilmDeflection:

@@ -13,6 +13,7 @@ import time
 
 import numpy as np
 from mpi4py import MPI
+from stopwatch import Timed
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.candidates import nearest_gaps
@@ -72,25 +73,6 @@ def thrown(X: np.ndarray, speed: float) -> np.ndarray:
     return flutter
 
 
-class Timed:
-    """Sums the CPU time of the calls of some methods."""
-
-    def __init__(self, thing: object, *names: str) -> None:
-        self.seconds = 0.0
-        for name in names:
-            setattr(thing, name, self._timed(getattr(thing, name)))
-
-    def _timed(self, method):
-        def call(*given):
-            started = time.process_time()
-            try:
-                return method(*given)
-            finally:
-                self.seconds += time.process_time() - started
-
-        return call
-
-
 def contact_set_of(run: gx.Simulation) -> ContactSet:
     (contact_set,) = (c for c in run.system.compiled if isinstance(c, ContactSet))
     return contact_set
@@ -119,7 +101,7 @@ def contact_cost(vertices: int = 1000, part: float = 1.0, steps: int = 4) -> dic
     for run in runs:
         run.run(until=WARM * STEP)
     clocks = (search, forces, tangents)
-    before = [clock.seconds for clock in clocks]
+    before = [clock.total for clock in clocks]
     touching = []
     for k in range(WARM, WARM + steps):
         for i, run in enumerate(runs):
@@ -132,7 +114,7 @@ def contact_cost(vertices: int = 1000, part: float = 1.0, steps: int = 4) -> dic
         gap = PairDistances.of(candidates, contact_set.x0).gap
         nearest = nearest_gaps(candidates, gap, contact_set.mesh)
         touching.append((nearest < DISTANCE).mean())
-    spent = [comm.allreduce(clock.seconds - b) for clock, b in zip(clocks, before, strict=True)]
+    spent = [comm.allreduce(clock.total - b) for clock, b in zip(clocks, before, strict=True)]
     with_contact, alone = (1e3 * cpu[i] / iterations[i] for i in (0, 1))
     newton = runs[0].solver.newton
     return {

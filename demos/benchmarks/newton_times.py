@@ -5,12 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from stopwatch import Stopwatch
+from stopwatch import Stopwatch, Timed
 
 from demos.films.spinning_sheet import build
 from gossamer_fx.solve.solvers import coarse_space, newton
@@ -23,24 +22,6 @@ MANY = 10**9  # unknowns, more than any scene has
 
 # Applications and parts of them whose time is summed.
 REPETITIONS = 20
-
-
-class Timed:
-    """Sums the CPU seconds that functions of a class or module take in this process."""
-
-    def __init__(self, owner: object, *names: str) -> None:
-        self.seconds = dict.fromkeys(names, 0.0)
-        for name in names:
-            setattr(owner, name, self._timed(name, getattr(owner, name)))
-
-    def _timed(self, name: str, original: Callable[..., Any]) -> Callable[..., Any]:
-        def timed(*given: Any) -> Any:
-            started = time.process_time()
-            result = original(*given)
-            self.seconds[name] += time.process_time() - started
-            return result
-
-        return timed
 
 
 def shares_of_application(multigrid: PETSc.PC) -> tuple[float, float]:

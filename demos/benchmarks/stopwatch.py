@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import resource
 import time
+from collections.abc import Callable
+from typing import Any
 
 from mpi4py import MPI
 
@@ -65,6 +67,30 @@ class Stopwatch:
             "stored": sum(run.totals.stored.values()),
             "ΔE/E": abs(run.energy_error),
         }
+
+
+class Timed:
+    """Sums the CPU seconds that functions of an object, class or module take in this process."""
+
+    def __init__(self, owner: object, *names: str) -> None:
+        self.seconds = dict.fromkeys(names, 0.0)
+        for name in names:
+            setattr(owner, name, self._timed(name, getattr(owner, name)))
+
+    def _timed(self, name: str, original: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*given: Any) -> Any:
+            started = time.process_time()
+            try:
+                return original(*given)
+            finally:
+                self.seconds[name] += time.process_time() - started
+
+        return timed
+
+    @property
+    def total(self) -> float:
+        """Of all functions."""
+        return sum(self.seconds.values())
 
 
 def megabytes() -> float:

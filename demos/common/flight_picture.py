@@ -93,10 +93,20 @@ class FlightPicture(DrawnRun):
 
     def recording(self, run: StateView) -> Recording:
         """The recording of the run: position, velocity, sunlight and the probes."""
+
+        def flight_number(what: int, axis: int) -> Probe:
+            """A component of the position, of the velocity or of the position of the Sun."""
+
+            def number(run: StateView) -> float:
+                vectors = (*self.orbit.flight(run.system).state(), self.orbit.sun(run.time))
+                return float(vectors[what][axis])
+
+            return number
+
         probes: dict[str, Probe] = {}
         for what, names in enumerate((_POSITION, _VELOCITY, _TO_SUN)):
             for axis, name in enumerate(names):
-                probes[name] = _FlightNumber(self.orbit, what, axis)
+                probes[name] = flight_number(what, axis)
         probes[_LIT] = self._lit
         return Recording(self.folder, probes=probes | self.probes, every=NEVER)
 
@@ -166,26 +176,6 @@ class FlightPicture(DrawnRun):
         axes.set_aspect("equal")
         axes.set_xlabel("10³ km")
         axes.set_title("orbit: light, shadow; start ●, end ■", fontsize=10)
-
-
-class _FlightNumber:
-    """A component of the position, of the velocity or of that of the Sun, as a probe."""
-
-    def __init__(self, orbit: Orbit, what: int, axis: int) -> None:
-        """Choose the component.
-
-        Args:
-            what: 0 for the position [m], 1 for the velocity [m/s], 2 for the position of the Sun
-                [m], all from the attracting centre.
-        """
-        self._orbit = orbit
-        self._what = what
-        self._axis = axis
-
-    def __call__(self, run: StateView) -> float:
-        position, velocity = self._orbit.flight(run.system).state()
-        vectors = (position, velocity, self._orbit.sun(run.time))
-        return float(vectors[self._what][self._axis])
 
 
 def _vectors(table: Tables, names: Sequence[str]) -> Array:

@@ -51,7 +51,7 @@ AIR_DENSITY = 1.225  # kg/m³
 HELIUM_DENSITY = 0.169  # kg/m³
 # Rise of the pressure over that of the air with the height [Pa/m]
 HEAD = (AIR_DENSITY - HELIUM_DENSITY) * STANDARD_GRAVITY
-APART = 0.1  # m, by which the gores are farther from the axis at the start
+APART = 0.1  # m, of gores that are seen before they are sewn
 FILM = gx.Miyazaki(E=1e8, nu=0.3, density=920.0, thickness=2e-5, residual_stiffness=1e-4)
 
 
@@ -153,14 +153,16 @@ class Balloon:
         return replace(self, statics=gx.Equilibrium(scene))
 
 
-def build(comm: MPI.Intracomm, gores: int = 16, along: int = 16, across: int = 4) -> Balloon:
+def build(
+    comm: MPI.Intracomm, gores: int = 16, along: int = 16, across: int = 4, apart: float = APART
+) -> Balloon:
     """The scene, with `along` cells from pole to pole of each gore and `across` cells from seam to
-    seam."""
+    seam; the gores are `apart` [m] farther from the axis at the start."""
     pattern = gx.patterns.gores(meridian(), gores)
     film = gx.Membrane(
         pattern.mesh(comm, along=along, across=across),
         FILM,
-        displacement=lambda X: pattern.placed(X, apart=APART),
+        displacement=lambda X: pattern.placed(X, apart=apart),
     )
     seams = pattern.seams(film)
     load = PRESSURE * np.pi * (TENDON_FACTOR * RADIUS) ** 2

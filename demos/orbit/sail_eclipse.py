@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from dolfinx.mesh import locate_entities
@@ -25,6 +24,7 @@ from demos.common.figures import new_figure, save
 from demos.common.framed_sail import RADIUS, SIDE, SPIN, framed_sail
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL
 from gossamer_fx.meshes.sheet import crossed_sheet
+from gossamer_fx.records.outputs.output import Probe
 
 SPRING = 800.0  # stiffness [N/m] of the springs on a metre of the edge
 TENSION = 8.0  # N/m, at which the sail is mounted
@@ -41,19 +41,10 @@ COATED = gx.orbit.ThermalProperties(40.0, absorptivity=(0.16, 0.12), emissivity=
 BANDS = ((2.0, 4.0), (6.0, 8.0))  # of x [m] that are coated
 
 
-class Tension:
-    """Mean tension of the edges [N/m], a probe."""
-
-    def __init__(self, springs: list[gx.connectors.Spring]) -> None:
-        self._springs = springs
-
-    def __call__(self, run: Any) -> float:
-        total = 0.0
-        for spring in self._springs:
-            ends = run.system.state.vectors([spring.a, spring.b])
-            extension = np.linalg.norm(ends[1] - ends[0]) - spring.length
-            total += spring.stiffness * max(float(extension), 0.0)
-        return total / (4 * SIDE)
+def tension_of_edges(springs: list[gx.connectors.Spring]) -> Probe:
+    """A probe of the mean tension of the edges [N/m]."""
+    tensions = [gx.probes.Tension(spring, at="end") for spring in springs]
+    return lambda run: sum(max(tension(run), 0.0) for tension in tensions) / (4 * SIDE)
 
 
 def sail(
@@ -117,7 +108,7 @@ def main(
             "coldest": lambda run: heating.balance(run).lowest,
             "hottest": lambda run: heating.balance(run).highest,
             "mean": lambda run: heating.balance(run).mean,
-            "tension": Tension(springs),
+            "tension": tension_of_edges(springs),
             # In the middle of steps, which are far longer than the vibrations of the film, so that
             # these alternate from step to step.
             "flatness": gx.probes.SurfaceError(film, at="mean"),

@@ -330,7 +330,7 @@ def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
         box = gx.contact.Box(
             centre=(0, 0, -0.0366),
             sizes=(0.04, 0.04, 0.04),
-            axes=_on_a_corner(),
+            axes=on_a_corner(),
         )
         thrown = film(
             comm,
@@ -344,7 +344,7 @@ def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
     return run, contact, 0.0
 
 
-def _on_a_corner() -> tuple[tuple[float, ...], ...]:
+def on_a_corner() -> tuple[tuple[float, ...], ...]:
     """Axes of a box whose diagonal is upright."""
     up = np.ones(3) / 3**0.5
     side = np.array([1.0, -1.0, 0.0]) / 2**0.5

@@ -173,7 +173,7 @@ def problem(comm: MPI.Comm, thickness: float, model: str) -> dict[str, float]:
 def draw(results: list[Result], path: Path) -> None:
     """Errors of the force and the energy of both laws over the share of the stress that a tension
     field leaves out."""
-    from demos.common.figures import BLUE, GREEN, RED, new_figure, save
+    from demos.common.figures import BLUE, GREEN, RED, finish, new_figure, save
 
     figure = new_figure()
     axes = figure.subplots(1, 2, sharex=True)
@@ -185,12 +185,9 @@ def draw(results: list[Result], path: Path) -> None:
             errors = [100 * r.numbers[f"{what} error"] for r in rows]
             panel.plot(shares, errors, "o-", color=colour, label=model)
         panel.axhline(0.0, color="black", linewidth=0.8)
-        panel.set(xlabel="Euler's strain over the strain along the wrinkles")
-        panel.set_ylabel(f"error of the {what} against the plate [%]")
-        panel.grid(alpha=0.3)
-        panel.legend(frameon=False)
-    figure.suptitle("A sheared film: laws of its mean stress and resolved wrinkles")
-    save(figure, path)
+        across = "Euler's strain over the strain along the wrinkles"
+        finish(panel, across, f"error of the {what} against the plate [%]")
+    save(figure, path, "A sheared film: laws of its mean stress and resolved wrinkles")
 
 
 STUDY = Study(

@@ -249,7 +249,7 @@ def warned(times: Array, growths: Array) -> dict[str, float]:
 
 def draw(results: list[Result], path: Path) -> None:
     """Errors of the predicted changes over the time, and the growth of each scene."""
-    from demos.common.figures import BLUE, GREEN, GREY, RED, new_figure, save
+    from demos.common.figures import BLUE, GREEN, GREY, RED, finish, new_figure, save
 
     figure = new_figure(10.0, 4.2)
     panels = figure.subplots(1, max(len(results), 1), squeeze=False)[0]
@@ -269,9 +269,7 @@ def draw(results: list[Result], path: Path) -> None:
         if math.isfinite(at):
             axes.axvline(at, color=GREY, ls=":", lw=1.5, label="a warning is given")
         axes.set_title(titles[result.values["scene"]], fontsize=10)
-        axes.set(xlabel="t [ms]", ylabel="error of the predicted change, relative")
-        axes.legend(frameon=False, fontsize=8)
-        axes.grid(alpha=0.3)
+        finish(axes, "t [ms]", "error of the predicted change, relative")
     save(figure, path)
 
 

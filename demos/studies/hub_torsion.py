@@ -23,6 +23,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
+from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study, search_figures
@@ -47,8 +48,6 @@ LAWS: dict[str, FilmLaw] = {
 }
 # Radius [m] at which stresses are compared.
 PROBE = 1.25 * HUB
-# Runge-Kutta steps over the wrinkled part.
-INNER_STEPS = 500
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ def exact(c: float) -> Solution:
 
 
 def _inward(B: float, c: float) -> tuple[float, Solution]:
-    """u(a) and the solution, for the B of the taut part, by Runge-Kutta steps inward from R."""
+    """u(a) and the solution, for the B of the taut part, integrated inward from R."""
     A = TENSION + (1 + NU) / (1 - NU) * B / RIM**2
     R = ((B**2 + c**2) / A**2) ** 0.25
     k2 = Solution(0.0, R, A, B, c).k2
@@ -131,21 +130,9 @@ def _inward(B: float, c: float) -> tuple[float, Solution]:
     # Of the taut part, at its inner end.
     u = R / E * ((1 - NU) * A - (1 + NU) * B / R**2)
     rotation = -c * (1 + NU) / E * (R**-2 - RIM**-2)
-    y = np.array([u, rotation])
-    h = (HUB - R) / INNER_STEPS
-    for r in R + h * np.arange(INNER_STEPS):
-        k1 = rates(r, y)
-        k2_ = rates(r + h / 2, y + h / 2 * k1)
-        k3 = rates(r + h / 2, y + h / 2 * k2_)
-        k4 = rates(r + h, y + h * k3)
-        y = y + h / 6 * (k1 + 2 * k2_ + 2 * k3 + k4)
-    return float(y[0]), Solution(
-        -float(y[1]),
-        R,
-        A,
-        B,
-        c,
-    )
+    inward = solve_ivp(rates, (R, HUB), (u, rotation), rtol=1e-11, atol=1e-15)
+    displacement, turn = inward.y[:, -1]
+    return float(displacement), Solution(-float(turn), R, A, B, c)
 
 
 def problem(

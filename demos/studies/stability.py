@@ -27,6 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.studies.engine.deployments import arguments
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.core.checks.errors import check
@@ -79,14 +80,6 @@ def cases() -> list[str]:
     return ["ordinary", *alone, *both]
 
 
-def values_of(case: str) -> dict[str, float]:
-    """All parameters of a cell."""
-    words = []
-    if case != "ordinary":
-        words = [word.split("=") for word in case.split()]
-    return ORDINARY | {axis: float(value) for axis, value in words}
-
-
 def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     """Run one cell.
 
@@ -94,7 +87,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         StepFailure: with the reason.
         InputError: the cell completed with a wrong answer.
     """
-    v = values_of(case)
+    v = ORDINARY | arguments(case)
     gas = gx.IdealGas(gamma=1.4, R=296.8)
     law = gx.Miyazaki(
         E=2.5e9, nu=0.34, density=1420.0, thickness=v["thickness"], residual_stiffness=v["u"]

@@ -15,6 +15,7 @@ half is computed.  The moment follows from the energy, M = dU/d(2φ).
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -98,18 +99,28 @@ def peak_of_section(n: int = 300) -> float:
     return float(np.gradient([energy(κ) for κ in curvatures], curvatures).max())
 
 
+def section(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements [m] along y and z of points (3, n) of a flat strip that give it the section."""
+    a = X[1] / RADIUS - ANGLE / 2
+    return RADIUS * (np.sin(a) + ANGLE / 2) - X[1], RADIUS * (1 - np.cos(a))
+
+
+def tape_of(comm: MPI.Comm, length: float, along: int, across: int, **start: Any) -> gx.Plate:
+    """A tape of a length [m] with so many cells along it and across; `start`, e.g. a velocity, is
+    of the plate."""
+    return gx.Plate(
+        sheet(comm, along, across, length, WIDTH, crossed=True),
+        STEEL,
+        rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)),
+        displacement=lambda X: np.stack([0 * X[0], *section(X)]),
+        **start,
+    )
+
+
 def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
     """`cells` across."""
     height = RADIUS * (1 - math.sin(ANGLE / 2) / (ANGLE / 2))  # of the mean of the section
     shift = 0.0
-
-    def section(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        a = X[1] / RADIUS - ANGLE / 2
-        return RADIUS * (np.sin(a) + ANGLE / 2) - X[1], RADIUS * (1 - np.cos(a))
-
-    def curved(X: np.ndarray) -> np.ndarray:
-        y, z = section(X)
-        return np.stack([0 * y, y, z])
 
     def turned(X: np.ndarray, φ: float) -> np.ndarray:
         y, z = section(X)
@@ -120,20 +131,7 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
     def direction(X: np.ndarray, φ: float) -> np.ndarray:
         return np.stack([math.cos(φ) + 0 * X[0], 0 * X[0], -math.sin(φ) + 0 * X[0]])
 
-    mesh = sheet(
-        comm,
-        5 * cells // 2,
-        cells,
-        HALF,
-        WIDTH,
-        crossed=True,
-    )
-    tape = gx.Plate(
-        mesh,
-        STEEL,
-        rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)),
-        displacement=curved,
-    )
+    tape = tape_of(comm, HALF, 5 * cells // 2, cells)
     middle = gx.Fixed(
         tape,
         "left",

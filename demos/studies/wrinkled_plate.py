@@ -14,10 +14,9 @@ theory has wrinkles at 45° of length √2 H, and
 ends; "counted" are the wrinkles of the whole line, fans included.  The cells of the plate are long
 along the wrinkles and short across: four across half a wrinkle.  With two the wrinkles come out 1.7
 times as long, with three 1.5 times: cells that cannot follow a wrinkle without stretching resist
-it.  The plate starts from small wrinkles of the theory's length ("theory"), of 1.3 times that
-("long"), or from waves of 0.02 mm in all directions ("noise").  From "long" it comes to 1.09 times
-the theory's length: 19.5 wrinkles, 1.22 times its amplitude, and an energy that is less by 3e-5 of
-itself.
+it.  The plate starts from small wrinkles of the theory's length ("theory") or of 1.3 times that
+("long").  From "long" it comes to 1.09 times the theory's length: 19.5 wrinkles, 1.22 times its
+amplitude, and an energy that is less by 3e-5 of itself.
 """
 
 from __future__ import annotations
@@ -68,8 +67,8 @@ SEARCH = gx.analysis.Continuation(
     max_iterations=40,
     total_iterations=2000,
 )
-# Length of the first wrinkles over that of the theory; none for waves in all directions.
-STARTS = {"noise": None, "theory": 1.0, "long": 1.3}
+# Length of the first wrinkles over that of the theory.
+STARTS = {"theory": 1.0, "long": 1.3}
 # Length at both ends in which the cells of the plate turn upright, see `leaning_sheet` [m].
 LEAN = 0.11
 
@@ -82,16 +81,6 @@ def moved(X: np.ndarray, t: float, shear: float = SHEAR) -> np.ndarray:
 def sheared(X: np.ndarray) -> np.ndarray:
     """Displacement (3, n) [m] of a uniform shear."""
     return np.stack([SHEAR * X[1] / HEIGHT, 0 * X[0], 0 * X[0]])
-
-
-def noisy(X: np.ndarray) -> np.ndarray:
-    """Sheared, with waves of 0.02 mm in all directions, 5 mm long and longer."""
-    random = np.random.default_rng(1)
-    w = 0 * X[0]
-    # Sixty waves with random directions.
-    for kx, ky, phase, size in random.normal(size=(60, 4)):
-        w += 5e-6 * size * np.sin((kx * X[0] + ky * X[1]) * math.pi / 5e-3 + 6 * phase)
-    return sheared(X) + np.stack([0 * w, 0 * w, w * np.sin(math.pi * X[1] / HEIGHT)])
 
 
 def wrinkled(X: np.ndarray, scale: float) -> np.ndarray:
@@ -123,8 +112,7 @@ def clamped_plate(
 def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
     """A plate with `cells` to a centimetre along the sheet, as long as they lie along the wrinkles;
     and a film."""
-    scale = STARTS[start]
-    shape = noisy if scale is None else partial(wrinkled, scale=scale)
+    shape = partial(wrinkled, scale=STARTS[start])
     # The cells lean with the wrinkles, and are long along them.
     mesh = leaning_sheet(comm, 38 * cells, 16, LENGTH, HEIGHT, LEAN)
     clamp, equilibrium = clamped_plate(mesh, THICKNESS, shape)

@@ -4,7 +4,7 @@ checkpoints."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.studies.crease import folded
+from demos.studies.thrown_crease import LAW, LENGTH, STIFFNESS, WIDTH, thrown
 from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY
 from gossamer_fx.mechanics.connectors.crease_energies import CreaseEnergies
 from gossamer_fx.meshes.creased_strip import creased_strip
@@ -19,22 +21,7 @@ from gossamer_fx.records.fields.fields import FieldFunctions
 from tests.small_scenes import at_rest, run_until, spin_drift
 
 WORLD = MPI.COMM_WORLD
-LAW = gx.Linear(E=2.5e9, nu=0.3, density=1400.0, thickness=50e-6)
-LENGTH = 0.05
-WIDTH = 0.02
-STIFFNESS = 2e-3
-
-
-def folded(angle: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Displacement of the strip to a valley fold of some angle [rad]."""
-    # The distance |X| of points from the crease is that of the flat strip.
-    c = math.cos(angle / 2)
-    s = math.sin(angle / 2)
-    return lambda X: np.stack([(c - 1) * X[0], 0 * X[1], s * abs(X[0])])
-
-
-def throw(X: np.ndarray) -> np.ndarray:
-    return np.stack([X[1] - 0.01, -X[0], 0.4 * np.sin(40 * X[0]) * (1 + 20 * X[1])])
+throw = partial(thrown, 1.0)
 
 
 def strip(

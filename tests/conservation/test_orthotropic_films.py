@@ -10,30 +10,15 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.studies.orthotropic import AXES, LAWS, MASS
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import momentum_changes, run_until, thrown
 
-NUMBERS = {"density": 1400.0, "thickness": 1e-4}
-FABRIC = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS)
-BRAID = gx.Orthotropic.from_stiffnesses(
-    335.8e3,
-    704.1e3,
-    1525.8e3,
-    702.9e3,
-    direction=(1.0, 0.3, 0.0),
-    **NUMBERS,
-)
-RESIDUAL = gx.Orthotropic(
-    1e9,
-    1e8,
-    0.3,
-    5e7,
-    direction=(1.0, 0.3, 0.0),
-    residual_stiffness=1e-3,
-    **NUMBERS,
-)
-NEVER_WRINKLES = gx.LinearOrthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS)
-ISOTROPIC = gx.TensionField(1e9, 0.3, **NUMBERS)
+FABRIC = LAWS["10:1"]
+BRAID = LAWS["braid"]
+RESIDUAL = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, residual_stiffness=1e-3, **AXES, **MASS)
+NEVER_WRINKLES = gx.LinearOrthotropic(1e9, 1e8, 0.3, 5e7, **AXES, **MASS)
+ISOTROPIC = LAWS["TensionField"]
 
 
 def free_sheet(comm, law, steps: int, order: int = 1, n: int = 6) -> gx.Simulation:
@@ -45,7 +30,7 @@ def free_sheet(comm, law, steps: int, order: int = 1, n: int = 6) -> gx.Simulati
 
 def momentum_errors(run: gx.Simulation) -> list[float]:
     """Changes of momentum and angular momentum over those of the moving mass."""
-    film_mass = NUMBERS["density"] * NUMBERS["thickness"]
+    film_mass = MASS["density"] * MASS["thickness"]
     # √(2 m T) with a film of 1 m²: the largest momentum that this kinetic energy allows.
     scale = math.sqrt(2 * film_mass * run.first.kinetic)
     return [change / scale for change in momentum_changes(run)]
@@ -86,16 +71,7 @@ def test_iterations_are_those_of_an_isotropic_film() -> None:
 
 
 def test_equal_stiffness_in_all_directions_moves_as_a_tension_field() -> None:
-    alike = gx.Orthotropic(
-        1e9,
-        1e9,
-        0.3,
-        # G = E/2(1 + ν), as of an isotropic film.
-        1e9 / 2.6,
-        direction=(1.0, 0.3, 0.0),
-        **NUMBERS,
-    )
-    found = free_sheet(MPI.COMM_SELF, alike, steps=10)
+    found = free_sheet(MPI.COMM_SELF, LAWS["1:1"], steps=10)
     expected = free_sheet(MPI.COMM_SELF, ISOTROPIC, steps=10)
     x = found.system.q0.array_r
     error = abs(x - expected.system.q0.array_r).max()
@@ -115,7 +91,7 @@ def test_energy_of_other_rules_and_steppers() -> None:
 
 def test_a_reduced_film_keeps_energy(comm) -> None:
     """Sampled cells take the axes of the film by groups, which the sample does not have."""
-    law = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction={"film": (1.0, 0.3, 0.0)}, **NUMBERS)
+    law = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction={"film": (1.0, 0.3, 0.0)}, **MASS)
     film = gx.Membrane(sheet(comm, 6, 6), law, velocity=thrown)
     shapes = gx.reduction.Snapshots(film)
     X = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]

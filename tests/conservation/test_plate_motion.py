@@ -9,16 +9,27 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.studies import tape_spring
 from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
-from tests.small_scenes import run_until
+from tests.small_scenes import momentum_changes, run_of, run_until
 
 LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
+TIGHT = gx.Tolerances(relative=1e-12)
 
 
 def thrown(X):
     """A spin of 2 rad/s with waves across."""
     return np.stack([2 * (X[1] - 0.07), -2 * (X[0] - 0.3), 0.5 * np.sin(8 * X[0]) * (1 + 5 * X[1])])
+
+
+def assert_kept(run: gx.Simulation) -> None:
+    """Energy, momentum and angular momentum are those of the start of steps solved to 1e-12."""
+    assert run.totals.stored["plate bending"] > 1e-6 and run.substeps == 0
+    # Relative to the energy of the throw.
+    assert abs(run.totals.energy - run.first.energy) < 1e-9 * run.first.kinetic
+    changes = momentum_changes(run)
+    assert max(changes) < 1e-10 * np.abs(run.first.angular_momentum).max()
 
 
 @pytest.mark.mpi(1)
@@ -32,21 +43,13 @@ def test_a_thrown_plate_keeps_energy_and_both_momenta(comm, rest, hinges):
         hinges=hinges,
         velocity=thrown,
     )
-    tight = gx.Tolerances(relative=1e-12)
-    run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=2e-4, tolerances=tight))
+    run = run_of(plate, dt=2e-4, tolerances=TIGHT)
     measured = run.totals.stored["plate bending"]
     # D κ²/2 times the area, D = E t³/12(1 - ν²) with 1 - ν² = 0.91, κ = 3 1/m, 0.6 m × 0.15 m.
     expected = 0.0 if rest is None else LAW.E * LAW.thickness**3 / 12 / 0.91 * 9 * 0.09 / 2
     assert measured == pytest.approx(expected, rel=1e-9, abs=1e-12)
-    first = run.totals
     run.run(until=0.02)
-    assert run.totals.stored["plate bending"] > 1e-6 and run.substeps == 0
-    error = abs(run.totals.energy - first.energy)
-    # 100 steps at 1e-12, relative to the energy of the throw.
-    assert error < 1e-9 * first.kinetic
-    scale = np.abs(first.angular_momentum).max()
-    assert run.totals.angular_momentum == pytest.approx(first.angular_momentum, abs=1e-10 * scale)
-    assert run.totals.momentum == pytest.approx(first.momentum, abs=1e-10 * scale)
+    assert_kept(run)
 
 
 @pytest.mark.mpi(1)
@@ -55,15 +58,7 @@ def test_a_thrown_shell_keeps_energy_and_both_momenta(comm):
     x, y, _ = mesh.domain.geometry.x.T
     mesh.domain.geometry.x[:, 2] = x**2 - 2 * y**2
     plate = gx.Plate(mesh, LAW, velocity=thrown)
-    tight = gx.Tolerances(relative=1e-12)
-    run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=2e-4, tolerances=tight))
-    first = run.totals
-    run.run(until=0.01)
-    assert run.totals.stored["plate bending"] > 1e-6 and run.substeps == 0
-    assert abs(run.totals.energy - first.energy) < 1e-9 * first.kinetic
-    scale = np.abs(first.angular_momentum).max()
-    assert run.totals.angular_momentum == pytest.approx(first.angular_momentum, abs=1e-10 * scale)
-    assert run.totals.momentum == pytest.approx(first.momentum, abs=1e-10 * scale)
+    assert_kept(run_until(0.01, plate, dt=2e-4, tolerances=TIGHT))
 
 
 def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
@@ -73,7 +68,7 @@ def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
 
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
     clamp = gx.Fixed(plate, "left", rotation=True, direction=direction)
-    run = run_until(0.03, plate, clamp, dt=5e-4, tolerances=gx.Tolerances(relative=1e-12))
+    run = run_until(0.03, plate, clamp, dt=5e-4, tolerances=TIGHT)
     # The clamp's work must matter.
     assert run.totals.supplied > 1e-4 and run.totals.kinetic > 1e-4
     assert abs(run.energy_error) < 1e-9
@@ -82,38 +77,26 @@ def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
 def test_an_edge_moment_supplies_what_the_plate_gains(comm):
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
     moment = gx.loads.EdgeMoment(plate, "right", moment=lambda t: 0.02 * math.sin(60 * t))
-    scene = gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), moment)
-    run = gx.Simulation(scene, gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12)))
-    run.run(until=0.03)
+    held = gx.Fixed(plate, "left", rotation=True)
+    run = run_until(0.03, plate, held, moment, dt=5e-4, tolerances=TIGHT)
     assert abs(run.totals.supplied) > 1e-6 and abs(run.energy_error) < 1e-9
 
 
 def test_a_tape_spring_snaps_and_keeps_its_energy(comm):
     """A steel strip curved across; bent backwards fast, its middle flattens at once and folds."""
-    radius = 13.3e-3
-    angle = math.radians(80)
     length = 0.12
-    width = radius * angle
-
-    def curved(X):
-        a = X[1] / radius - angle / 2
-        return np.stack([0 * a, radius * (np.sin(a) + angle / 2) - X[1], radius * (1 - np.cos(a))])
+    width = tape_spring.WIDTH
 
     def bent(X):
         """Ends up, middle down, and a turn about y, so that there is angular momentum."""
         s = 2 * X[0] / length - 1
         return np.stack([20 * X[2], 0 * s, 25 * (s**2 - 1 / 3) - 20 * (X[0] - length / 2)])
 
-    steel = gx.Linear(E=210e9, nu=0.3, density=7850.0, thickness=1e-4)
-    rest = np.diag((0.0, 1 / radius, 0.0))
-    mesh = sheet(comm, 12, 4, length, width, crossed=True)
-    tape = gx.Plate(mesh, steel, rest_curvature=rest, displacement=curved, velocity=bent)
-    run = gx.Simulation(
-        gx.Scene(tape), gx.Midpoint(dt=1e-5, tolerances=gx.Tolerances(relative=1e-12))
-    )
+    tape = tape_spring.tape_of(comm, length, 12, 4, velocity=bent)
+    run = run_of(tape, dt=1e-5, tolerances=TIGHT)
     first = run.totals
     # Squared chord of the curved section; flattened it becomes the square of the width.
-    at_rest = 4 * radius**2 * math.sin(angle / 2) ** 2
+    at_rest = 4 * tape_spring.RADIUS**2 * math.sin(tape_spring.ANGLE / 2) ** 2
     run.run(until=5e-4)
     X = tape.space.tabulate_dof_coordinates()
     y = run.system.q0.array_r.reshape(-1, 3)

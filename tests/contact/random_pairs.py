@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
@@ -191,3 +193,18 @@ def table_of_primitives(
             points.append([*surface.edges[first], *surface.edges[second]])
     kinds = np.array([kind for kind, _, _ in pairs], np.uint8)
     return PairTable(kinds, np.array(points, dtype=np.int32))
+
+
+def derivative_by_differences(
+    forces: Callable[[np.ndarray], np.ndarray], x: np.ndarray, difference: float
+) -> np.ndarray:
+    """Derivatives (n, 12, 12) of forces on the points of n pairs by the positions (4 n, 3)."""
+    count = len(x) // 4
+    found = np.zeros((count, 12, 12))
+    for j in range(12):
+        step = np.zeros((4, 3))
+        step.flat[j] = difference
+        everywhere = np.tile(step, (count, 1))
+        change = forces(x + everywhere) - forces(x - everywhere)
+        found[:, :, j] = change.reshape(count, 12) / (2 * difference)
+    return found

@@ -51,6 +51,20 @@ def film(
     )
 
 
+def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0, law=None):
+    """A square film of 0.1 m on the y axis, turned about it, with a spin about it [rad/s]."""
+    c = np.cos(angle)
+    s = np.sin(angle)
+    return gx.Membrane(
+        sheet(comm, 4, n, 0.1, 0.1),
+        law or gx.Miyazaki(**FILM, residual_stiffness=1e-6),
+        name=name,
+        order=order,
+        displacement=lambda X: np.vstack([c * X[0], X[1], s * X[0] + shift]) - X,
+        velocity=lambda X: np.vstack([-s * spin * X[0], 0 * X[0], c * spin * X[0]]),
+    )
+
+
 def two_films(comm, height, velocity=(0.2, 0.1, -2.0), turn=0.4, **options):
     """Return a film, and one above it at a height [m], turned and shifted, that falls on it."""
     lower = film(comm, name="lower", **options)

@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.contact import problem
+from demos.studies.contact import on_a_corner, problem
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from tests.contact.scenes import (
@@ -131,11 +131,9 @@ def test_films_fall_edge_on_edge() -> None:
 
 
 def test_a_film_falls_over_the_corner_of_a_box() -> None:
-    up = np.ones(3) / 3**0.5
-    side = np.array([1.0, -1.0, 0.0]) / 2**0.5
-    axes = np.vstack([side, np.cross(up, side), up]).T
+    axes = on_a_corner()
     body = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.0366), comm=COMM)
-    box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04,) * 3, axes=axes.tolist(), body=body)
+    box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04,) * 3, axes=axes, body=body)
     thrown = film(COMM, 5, velocity=(0.0, 0.0, -2.0), name="thrown")
     run = simulate([gx.Contact(thrown, box, distance=1e-3)], 4e-3)
     assert_conserved(run, momentum=1e-10)

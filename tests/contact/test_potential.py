@@ -19,7 +19,7 @@ from gossamer_fx.mechanics.contact.potential import (
 )
 from gossamer_fx.mechanics.contact.stencils import STENCILS, EdgeEdge, PointTriangle
 from tests.contact.pairs_twin import PairTwin
-from tests.contact.random_pairs import KINDS, near_pairs
+from tests.contact.random_pairs import KINDS, derivative_by_differences, near_pairs
 
 BARRIER = ContactLaw.BARRIER
 EDGE_EDGE = EdgeEdge.number
@@ -94,15 +94,9 @@ def test_the_tangent_is_the_derivative(kind: int, law: ContactLaw, alpha: float)
     response = evaluate(pairs, x0, x1, law, alpha, by_pair=True, tangents_by_pair=True)
     K = response.tangents.reshape(-1, 12, 12)
     # Cube root of the machine epsilon would be 6e-6; the curvature of the barrier asks for less.
-    difference = 1e-6
-    numeric = np.zeros_like(K)
-    for j in range(12):
-        step = np.zeros((4, 3))
-        step.flat[j] = difference
-        everywhere = np.tile(step, (60, 1))
-        up = evaluate(pairs, x0, x1 + everywhere, law, alpha, by_pair=True).forces
-        down = evaluate(pairs, x0, x1 - everywhere, law, alpha, by_pair=True).forces
-        numeric[:, :, j] = (up - down) / (2 * difference)
+    numeric = derivative_by_differences(
+        lambda x: evaluate(pairs, x0, x, law, alpha, by_pair=True).forces, x1, 1e-6
+    )
     good = [
         np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-5 * np.abs(K[i]).max())
         for i in np.flatnonzero(response.state == PairState.TOUCHES)

@@ -16,7 +16,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.meshes.sphere import sphere
+from demos.studies import time_order
 from tests.rates import observed_order
 
 TABLE = {  # t: r [m], p [Pa], T [K], m [kg], elastic energy [J]
@@ -32,18 +32,7 @@ ACCEPT = np.array([0.01, 0.03, 0.01, 0.001, 0.03])
 def balloon(dt: float, times, comm: MPI.Comm, cells: int = 10) -> tuple[np.ndarray, gx.Simulation]:
     """(mean radius, p, T, m, elastic energy) at the given times, on curved triangles with quadratic
     fields."""
-    law = gx.Linear(E=2e6, nu=0.45, density=1100.0, thickness=2e-4)
-    film = gx.Membrane(sphere(comm, 0.2, cells, order=2), law, order=2)
-    gas = gx.IdealGas(gamma=1.4, R=287.0)
-    bag = gx.Chamber(film, gas=gas, pressure=50.0, temperature=300.0)
-    run = gx.Simulation(
-        gx.Scene(
-            film,
-            bag,
-            gx.Orifice(gx.gas.Ambient(1e5, 300.0, name="reservoir"), bag, area=3e-5),
-        ),
-        gx.Midpoint(dt=dt),
-    )
+    run = gx.Simulation(time_order.balloon(comm, cells), gx.Midpoint(dt=dt))
     found = []
     for t in times:
         run.run(until=t)

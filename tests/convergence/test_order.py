@@ -3,22 +3,16 @@ wrinkles."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.meshes.sheet import EDGES, sheet
+from demos.studies.time_order import TAUT, taut_sheet
 from tests.rates import observed_order
-from tests.small_scenes import run_until
 
-# A taut film of 20 µm: no cell ever wrinkles at 5 % of stretch.
-FILM = {"E": 2.3e9, "nu": 0.3, "density": 1400.0, "thickness": 20e-6}
-LINEAR = gx.Linear(**FILM)
-MIYAZAKI = gx.Miyazaki(**FILM)
-STRETCH = 0.05
+LINEAR = gx.Linear(**TAUT)
+MIYAZAKI = gx.Miyazaki(**TAUT)
 UNTIL = 1e-3  # s, a quarter of a period of the lowest mode
 
 
@@ -27,16 +21,8 @@ def drum(
 ) -> tuple[np.ndarray, gx.Simulation]:
     """Positions and velocities [m], [m/s] of a stretched square film after a blow, its edges
     held."""
-    film = gx.Membrane(
-        sheet(MPI.COMM_SELF, n, n, crossed=True),
-        law,
-        order=order,
-        displacement=lambda X: STRETCH * X,
-        velocity=lambda X: np.vstack(
-            [0 * X[0], 0 * X[0], 30 * np.sin(math.pi * X[0]) * np.sin(math.pi * X[1])]
-        ),
-    )
-    run = run_until(UNTIL, film, *(gx.Fixed(film, edge) for edge in EDGES), dt=dt)
+    run = gx.Simulation(taut_sheet(MPI.COMM_SELF, law, order, n), gx.Midpoint(dt=dt))
+    run.run(until=UNTIL)
     return np.array([run.system.q0.array_r, run.system.v0.array_r]), run
 
 

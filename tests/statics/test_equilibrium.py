@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos.studies import airbag
+from demos.studies import airbag, clamped_disc, mylar_balloon
 from gossamer_fx import Equilibrium, NoEquilibrium
 from gossamer_fx.analysis import Continuation
-from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import run_until
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
-LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual_stiffness=1e-6), gx.TensionField(**FILM)]
 
 RIGID_MOTIONS = (
     "translation x",
@@ -27,67 +25,28 @@ RIGID_MOTIONS = (
 )
 
 
-def quarter(comm, law, cells, order, pressure, rim=(0, 1, 2)):
-    """A quarter of a flat disc of radius 1 m under pressure, supported at the rim, in its planes of
-    symmetry."""
-    film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
-    supports = [
-        gx.Fixed(film, "rim", components=rim),
-        gx.Fixed(film, "x axis", components=(1,)),
-        gx.Fixed(film, "y axis", components=(0,)),
-    ]
-    return film, gx.Scene(film, gx.Pressure(film, pressure), *supports)
-
-
-def positions(equilibrium, comm):
-    """Owned positions, flattened, and the largest height of all ranks."""
-    x = equilibrium.system.q0.array_r.reshape(-1, 3)
-    return x, comm.allreduce(float(x[:, 2].max()), max)
-
-
 @pytest.mark.mpi(2)
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
-@pytest.mark.parametrize(
-    ("cells", "order", "tolerance"),
-    [(12, 1, 2.5e-3), (4, 2, 1.5e-4)],
-    ids=["P1", "P2"],
-)
+@pytest.mark.parametrize("law", clamped_disc.LAWS)
+@pytest.mark.parametrize(("element", "nodes", "tolerance"), [("P1", 12, 2.5e-3), ("P2", 8, 1.5e-4)])
 def test_clamped_disc_under_pressure_rises_as_it_must_by_every_law(
-    comm, law, cells, order, tolerance
+    comm, law, element, nodes, tolerance
 ):
-    """w0/a and V/a³ of a StVK disc at q = pa/(Et) = 0.1, ν = 0.3, from the axisymmetric equations;
-    nothing wrinkles."""
-    p = 0.1 * FILM["E"] * FILM["thickness"]
-    _, scene = quarter(comm, law, cells, order, p)
-    equilibrium = Equilibrium(scene)
-    found = equilibrium.find()
-    _, w0 = positions(equilibrium, comm)
-    # Apex height by the axisymmetric equations, six digits.
-    assert w0 == pytest.approx(0.309515, rel=tolerance)
-    # A quarter of the disc supplies p V/4; the volume is less accurate than the height.
-    assert 4 * found.totals.supplied / p == pytest.approx(0.527859, rel=4 * tolerance)
-    assert found.residual < 1e-8
-    assert found.regular
-    assert found.free == ()
+    """w0/a and V/a³ at q = pa/(Et) = 0.1, from the axisymmetric equations; nothing wrinkles."""
+    result = clamped_disc.problem(comm, law, element, 0.1, nodes)
+    height, _, volume = clamped_disc.EXACT[0.1]
+    assert result["w0/a"] == pytest.approx(height, rel=tolerance)
+    # The volume is less accurate than the height.
+    assert result["V/a³"] == pytest.approx(volume, rel=4 * tolerance)
+    assert result["residual"] < 1e-8
 
 
-def test_mylar_balloon(comm):
+@pytest.mark.parametrize("law", mylar_balloon.LAWS)
+def test_mylar_balloon(comm, law):
     """Thickness and radius of the inflated balloon of two discs, extrapolated to an inextensible
     film (Taylor 1919)."""
-    thickness = []
-    radius = []
-    # Two stiffnesses, to extrapolate the linear dependence on q away.
-    for q in (4e-3, 2e-3):
-        law = gx.Miyazaki(**FILM, residual_stiffness=1e-6)
-        film, scene = quarter(comm, law, 12, 1, q * FILM["E"] * FILM["thickness"], rim=(2,))
-        equilibrium = Equilibrium(scene)
-        equilibrium.find()
-        x, w0 = positions(equilibrium, comm)
-        thickness.append(2 * w0)
-        radius.append(np.hypot(*x[film.nodes("rim"), :2].T).mean())
-    # Thickness 0.9139 and radius 0.7627 of Taylor's balloon of unit discs.
-    assert 2 * thickness[1] - thickness[0] == pytest.approx(0.913893, rel=5e-3)
-    assert 2 * radius[1] - radius[0] == pytest.approx(0.762760, rel=5e-3)
+    result = mylar_balloon.problem(comm, law, "P1", 1)
+    assert result["thickness/a"] == pytest.approx(0.913893, rel=5e-3)
+    assert result["R/a"] == pytest.approx(0.762760, rel=5e-3)
 
 
 def strip(comm, *loads, law=None):

@@ -10,27 +10,24 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
+from demos.studies import vibration
+from demos.studies.vibration import N0, NU, SPIN, SPUN, STRETCH, TENSIONED, THICKNESS, E
 from gossamer_fx import Equilibrium
 from gossamer_fx.analysis import modes
 from gossamer_fx.mechanics.loads import Centrifugal
 from gossamer_fx.meshes.airbag import airbag
-from gossamer_fx.meshes.disc import quarter_disc, ring
+from gossamer_fx.meshes.disc import ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.records.fields.film_states import AreaFractions
 from tests.small_scenes import at_rest
 
-# N/m, m, Pa
-N0 = 10.0
-THICKNESS = 2e-5
-E = 2.3e9
-NU = 0.3
-TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
-STRETCH = N0 * (1 - NU) / (E * THICKNESS)
 
-
-def stretched(X):
-    return STRETCH * X
+def rest_of(comm, scene: str, order: int, cells: int) -> Equilibrium:
+    """The equilibrium of a scene of the study of vibrations."""
+    equilibrium = Equilibrium(vibration.film_of(comm, scene, order, cells))
+    equilibrium.find()
+    return equilibrium
 
 
 @pytest.mark.mpi(1)
@@ -41,16 +38,10 @@ def stretched(X):
 )
 def test_square_film_under_tension(comm, order, cells, tolerance):
     """f = ½√(N0/ρt) √((m/a)² + (n/a)²) for a = 2.1 m."""
-    film = gx.Membrane(
-        sheet(comm, cells, cells, 2.1, 2.1),
-        TENSIONED,
-        order=order,
-        displacement=stretched,
-    )
-    equilibrium = at_rest(film, *(gx.Fixed(film, edge) for edge in EDGES))
+    equilibrium = rest_of(comm, "square", order, cells)
     found = modes(equilibrium, 4)
     measured = [mode.frequency for mode in found]
-    assert measured == pytest.approx([6.363363, 10.06136, 10.06136, 12.726726], rel=tolerance)
+    assert measured == pytest.approx(vibration.EXACT["square"], rel=tolerance)
     assert max(mode.growth for mode in found) < 1e-6
     # Modes are the nearest to a frequency, not those above it.
     [nearest] = modes(equilibrium, 1, above=1.01 * measured[0])
@@ -73,24 +64,13 @@ def test_modes_near_a_frequency_of_what_floats(comm):
 
 def test_round_film_under_tension(comm):
     """f = j_mn/(2πa) √(N0/ρt) for a = 1 m; a quarter has the modes of even m: j01, j21, j02."""
-    film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), TENSIONED, order=2, displacement=stretched)
-    held = [
-        gx.Fixed(film, "rim"),
-        gx.Fixed(film, "x axis", components=(1,)),
-        gx.Fixed(film, "y axis", components=(0,)),
-    ]
-    equilibrium = at_rest(film, *held)
-    frequencies = [mode.frequency for mode in modes(equilibrium, 3)]
-    assert frequencies == pytest.approx([7.233104, 15.446646, 16.602991], rel=1e-3)
-
-
-SPIN = 10.0
-SPUN = gx.Miyazaki(1e9, NU, density=5e-5 * 1e9 / SPIN**2, thickness=1e-4)  # ρΩ²a²/E = 5e-5
+    frequencies = [mode.frequency for mode in modes(rest_of(comm, "circle", 2, 8), 3)]
+    assert frequencies == pytest.approx(vibration.EXACT["circle"], rel=1e-3)
 
 
 AXIS = (0.0, 0.0, SPIN)
-# (ω/Ω)² of the disc for 0, 1, 1, 2, 2, 3, 3 nodal diameters.
-DISC = [0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137]
+# For 0, 1, 1, 2, 2, 3, 3 nodal diameters.
+DISC = vibration.EXACT["hub"]
 
 
 @pytest.mark.parametrize(
@@ -104,23 +84,18 @@ DISC = [0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137]
     ids=["without Coriolis", "with Coriolis", "near a frequency"],
 )
 def test_disc_that_spins_about_a_hub(comm, given, exact):
-    """(ω/Ω)² in the disc's frame, b/a = 0.2.
+    """Frequencies in the disc's frame, b/a = 0.2.
 
     Transverse vibrations feel no Coriolis force; the equation that has it must give the same.
     """
-    film = gx.Membrane(ring(comm, 0.2, 1.0, 6, 32, 2), SPUN, order=2)
-    equilibrium = at_rest(film, gx.Fixed(film, "hub"), Centrifugal(film, AXIS))
-    found = modes(equilibrium, len(exact), **given)
-    squares = [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found]
-    assert squares == pytest.approx(exact, rel=2e-3)
+    found = modes(rest_of(comm, "hub", 2, 6), len(exact), **given)
+    assert [mode.frequency for mode in found] == pytest.approx(exact, rel=1e-3)
 
 
 def test_disc_that_spins_freely(comm):
     """(ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) - n²(1+3ν)]/8: a quarter has n = 0, 2, 4 with s = 0, and n = 0
     with s = 1."""
-    film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), SPUN, order=2)
-    held = [gx.Fixed(film, "x axis", components=(1,)), gx.Fixed(film, "y axis", components=(0,))]
-    equilibrium = Equilibrium(gx.Scene(film, *held, Centrifugal(film, (0.0, 0.0, SPIN))))
+    equilibrium = Equilibrium(vibration.film_of(comm, "free disc", 2, 8))
     found = equilibrium.find()
     assert found.free == ("translation z",)
     x = equilibrium.system.q0.array_r.reshape(-1, 3)
@@ -521,7 +496,7 @@ def test_pairs_of_symmetric_films_are_whole(comm, shape):
     if shape == "ring":
         mesh = ring(comm, 0.2, 1.0, 4, 24)
         edges = ("hub", "rim")
-    film = gx.Membrane(mesh, TENSIONED, displacement=stretched)
+    film = gx.Membrane(mesh, TENSIONED, displacement=lambda X: STRETCH * X)
     equilibrium = at_rest(film, *(gx.Fixed(film, edge) for edge in edges))
     many = [mode.frequency for mode in modes(equilibrium, 20)]
     pairs = sum(b / a - 1 < 1e-6 for a, b in pairwise(many))

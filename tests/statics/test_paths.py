@@ -223,17 +223,7 @@ def test_a_tape_spring_snaps_and_folds(comm):
     too, and a fold whose moment (1+ν) D α is constant."""
     cells = 4
     length = tape_spring.HALF
-    width = tape_spring.WIDTH
-    radius = tape_spring.RADIUS
-
-    def curved(X):
-        a = X[1] / radius - tape_spring.ANGLE / 2
-        y = radius * (np.sin(a) + tape_spring.ANGLE / 2)
-        return np.stack([0 * a, y - X[1], radius * (1 - np.cos(a))])
-
-    mesh = sheet(comm, round(cells * length / width), cells, length, width, crossed=True)
-    bend = np.diag((0.0, 1 / radius, 0.0))
-    tape = gx.Plate(mesh, tape_spring.STEEL, rest_curvature=bend, displacement=curved)
+    tape = tape_spring.tape_of(comm, length, round(cells * length / tape_spring.WIDTH), cells)
     middle = gx.Fixed(tape, "left", rotation=True, components=(0,), direction=(1.0, 0.0, 0.0))
     low = gx.Fixed(tape, "bottom left", components=(2,))
     end = gx.RigidRegion(tape, "right", fixed_components=(1,))

@@ -243,14 +243,19 @@ def test_a_linear_temperature_needs_no_stress_in_a_free_plate(comm) -> None:
 # ---- gradients -----------------------------------------------------------------------------------
 
 
+def cooled_drum(comm, law) -> tuple[gx.Membrane, gx.Equilibrium]:
+    """A film under pressure that was cooled by 100 K between its edges."""
+    expansion = ThermalExpansion(ALPHA, T0 - 100.0, reference=T0)
+    film = gx.Membrane(crossed_sheet(comm, 3, 3, 0.5, 0.5), law, thermal=expansion)
+    rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
+    return film, at_rest(film, gx.Pressure(film, 50.0), *rim)
+
+
 @pytest.mark.parametrize("name", ["alpha", "reference_temperature", "thickness"])
 def test_derivatives_of_a_cooled_drum(comm, name: str) -> None:
     """The volume under a film that cooling stretches, against central differences."""
     law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-2)
-    expansion = ThermalExpansion(ALPHA, T0 - 100.0, reference=T0)
-    film = gx.Membrane(crossed_sheet(comm, 3, 3, 0.5, 0.5), law, thermal=expansion)
-    rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
-    equilibrium = at_rest(film, gx.Pressure(film, 50.0), *rim)
+    film, equilibrium = cooled_drum(comm, law)
     volume = gx.analysis.EnclosedVolume(film)
     result = gx.analysis.gradient(equilibrium, of=volume, by=[f"film.{name}"])
     derivative = float(result[f"film.{name}"].values.sum())
@@ -270,10 +275,7 @@ def test_derivatives_of_a_cooled_drum(comm, name: str) -> None:
 def test_a_field_of_temperatures_is_a_variable(comm) -> None:
     """The sum of the derivatives by all temperatures is minus that by the reference temperature."""
     law = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
-    expansion = ThermalExpansion(ALPHA, T0 - 100.0, reference=T0)
-    film = gx.Membrane(crossed_sheet(comm, 3, 3, 0.5, 0.5), law, thermal=expansion)
-    rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
-    equilibrium = at_rest(film, gx.Pressure(film, 50.0), *rim)
+    film, equilibrium = cooled_drum(comm, law)
     volume = gx.analysis.EnclosedVolume(film)
     names = ["film.temperature", "film.reference_temperature"]
     result = gx.analysis.gradient(equilibrium, of=volume, by=names)

@@ -7,7 +7,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.stability import STUDY, cases, problem, values_of
+from demos.studies.engine.deployments import arguments
+from demos.studies.stability import ORDINARY, STUDY, cases, problem
 from gossamer_fx.core.checks.errors import NotConverged
 from tests.small_scenes import run_until
 
@@ -22,7 +23,7 @@ def test_cells_of_the_map_keep_their_books(case: str) -> None:
 
 
 def test_the_map_covers_its_ranges() -> None:
-    known = [values_of(case) for case in cases()]
+    known = [ORDINARY | arguments(case) for case in cases()]
     assert len(known) == len({tuple(v.values()) for v in known})
     assert set(STUDY.quick["case"]) <= set(cases())
     for axis, (least, most) in {

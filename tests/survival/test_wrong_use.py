@@ -2,9 +2,10 @@
 result.
 
 Single arguments of another kind, sign or size, and functions that misbehave, are generated in
-tests/unit/test_bad_input.py and tests/unit/test_hostile_arguments.py.  Here are arguments that do
-not fit each other, files, orders of calls, objects that are used twice or changed, and geometry
-that cannot be.
+tests/unit/test_bad_input.py and tests/unit/test_hostile_arguments.py; refusals whose words count
+are in tests/unit/test_refused_scenes.py, test_mesh.py and test_mesh_quality.py.  Here are other
+arguments that do not fit each other, files, orders of calls, objects that are used twice or
+changed, and geometry that cannot be.
 
     ./gossamer python -m pytest -s tests/survival/test_wrong_use.py    # counts by class
 """
@@ -36,10 +37,9 @@ from gossamer_fx.meshes.creased import creased_film
 from gossamer_fx.meshes.disc import quarter_disc, ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
 from tests.sentences import is_line_of_command, is_sentence
-from tests.small_scenes import AIR, LINEAR, WRINKLING
+from tests.small_scenes import AIR, LINEAR, WRINKLING, body, film, plate, tank
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="a fork has no other ranks")
 
@@ -62,33 +62,8 @@ Case = Callable[[Path], Any]
 # ---- parts ---------------------------------------------------------------------------------------
 
 
-def film(**options: Any) -> gx.Membrane:
-    return gx.Membrane(sheet(ONE, 2, 2), LINEAR, **options)
-
-
-def plate(**options: Any) -> gx.Plate:
-    return gx.Plate(sheet(ONE, 2, 2), LINEAR, **options)
-
-
-def cable(**options: Any) -> gx.Cable:
-    return gx.Cable(line(ONE, [ZERO, X], 2), gx.CableLaw(1e5, 0.1), **options)
-
-
-def beam(**options: Any) -> gx.Beam:
-    section = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)
-    return gx.Beam(line(ONE, [ZERO, X], 2), section, **options)
-
-
 def mass(name: str = "mass", at: Any = ZERO) -> gx.PointMass:
     return gx.PointMass(1.0, at, comm=ONE, name=name)
-
-
-def body(**options: Any) -> gx.RigidBody:
-    return gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=ONE, **options)
-
-
-def tank(**options: Any) -> gx.Tank:
-    return gx.Tank(1e-3, gas=AIR, pressure=1e5, temperature=300.0, **options)
 
 
 def bag(**options: Any) -> gx.Membrane:
@@ -193,18 +168,13 @@ def said(words: list[str], capture: Any = None) -> Any:
 MESHES: dict[str, Case] = {
     "one triangle": lambda at: of_arrays(SQUARE[:3], [(0, 1, 2)]).time == 2e-4,
     "unused nodes": lambda at: of_arrays([*SQUARE, (9, 9, 9)]).time == 2e-4,
-    "a cell of no area": lambda at: of_arrays([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2)]),
-    "two nodes at one point": lambda at: of_arrays([(0, 0, 0), (0, 0, 0), (1, 1, 0)], [(0, 1, 2)]),
-    "one node twice in a cell": lambda at: of_arrays(SQUARE, [(0, 1, 1)]),
     "a negative node": lambda at: of_arrays(SQUARE, [(0, 1, -1)]),
     "a node that is not there": lambda at: of_arrays(SQUARE, [(0, 1, 99)]),
     "nodes that are floats": lambda at: of_arrays(SQUARE, [(0.5, 1.0, 2.0)]),
     "cells of four nodes": lambda at: of_arrays(SQUARE, [(0, 1, 2, 3)]),
     "no cells": lambda at: of_arrays(SQUARE, np.zeros((0, 3), int)),
-    "points with nan": lambda at: of_arrays([*SQUARE[:3], (math.nan, 1, 0)]),
     "points in a plane of two coordinates": lambda at: of_arrays([p[:2] for p in SQUARE]),
     "points of 1e200 m": lambda at: of_arrays(1e200 * np.array(SQUARE)),
-    "points of 1e-200 m": lambda at: of_arrays(1e-200 * np.array(SQUARE)),
     "far from the origin": lambda at: of_arrays(np.add(SQUARE, [1e12, 0, 0])),
     "complex points": lambda at: mesh_of_arrays(
         ONE, lambda: (1j * np.array(SQUARE), np.array(TRIANGLES), {})
@@ -220,7 +190,6 @@ MESHES: dict[str, Case] = {
         "rim",
     ),
     "opposite normals": lambda at: of_arrays(SQUARE, [(0, 1, 2), (0, 3, 2)]).time == 2e-4,
-    "one cell twice": lambda at: of_arrays(SQUARE, [(0, 1, 2), (2, 0, 1)]),
     "two parts": lambda at: (
         of_arrays([*SQUARE[:3], (5, 0, 0), (6, 0, 0), (6, 1, 0)], [(0, 1, 2), (3, 4, 5)]).time
         == 2e-4
@@ -238,7 +207,6 @@ MESHES: dict[str, Case] = {
     ),
     "lines for a film": lambda at: gx.Membrane(line(ONE, [ZERO, X], 2), LINEAR),
     "triangles for a cable": lambda at: gx.Cable(sheet(ONE, 1, 1), gx.CableLaw(1.0, 1.0)),
-    "gmsh of points": lambda at: of_gmsh(lambda model: model.occ.addPoint(0, 0, 0)),
     "gmsh not meshed": lambda at: of_gmsh(
         lambda model: (model.occ.addRectangle(0, 0, 0, 1, 1), model.occ.synchronize())
     ),
@@ -258,7 +226,6 @@ MESHES: dict[str, Case] = {
     "an exit in gmsh": lambda at: of_gmsh(lambda model: exit(3)),
     "1e9 cells": lambda at: sheet(ONE, 10**9, 1),
     "1e9 elements": lambda at: line(ONE, [ZERO, X], 10**9),
-    "a line of one point": lambda at: line(ONE, [ZERO], 2),
     "a line of no length": lambda at: line(ONE, [ZERO, ZERO], 2),
     "a line that comes back": lambda at: (
         run(gx.Cable(line(ONE, [ZERO, X, ZERO], 2), gx.CableLaw(1e5, 0.1))).time == 2e-4
@@ -266,9 +233,7 @@ MESHES: dict[str, Case] = {
     "a closed line of two points": lambda at: line(ONE, [ZERO, X], 1, closed=True),
     "elements of another count": lambda at: line(ONE, [ZERO, X], [1, 2]),
     "points of two numbers": lambda at: line(ONE, [(0, 0), (1, 0)], 2),
-    "a ring inside out": lambda at: ring(ONE, 2.0, 1.0, 2, 8),
     "a ring with two cells around": lambda at: ring(ONE, 1.0, 2.0, 1, 2).cells == 8,
-    "a sphere of one cell": lambda at: sphere(ONE, 1.0, 1),
     "a disc of 1e8 cells": lambda at: quarter_disc(ONE, 10**8),
     "a tube of 1e7 compartments": lambda at: flat_tube(ONE, 1.0, 0.1, 4, 10**7),
     "a creased film that crosses itself": lambda at: creased_film(
@@ -304,7 +269,6 @@ MESH_FILES: dict[str, Case] = {
         gx.read_mesh(at / "a.msh", ONE),
     ),
     "a name of 5000 letters": lambda at: gx.read_mesh("a" * 5000, ONE),
-    "no name": lambda at: gx.read_mesh("", ONE),
     "a billion nodes said": lambda at: gx.read_mesh(
         written(
             at / "a.msh",
@@ -478,7 +442,6 @@ BODIES: dict[str, Case] = {
     "unsorted": lambda at: table([0.01, 0], [5, 0]),
     "repeated": lambda at: table([0, 0.01, 0.01], [0, 5, 6]),
     "a table of matrices": lambda at: gx.TabulatedCable(np.eye(2), np.eye(2), line_density=1.0),
-    "a port far from the mesh": lambda at: film().port_at((1e9, 0, 0)),
     "a port of weights": lambda at: gx.Port(film(), (0, 1), weights=(1.0,)),
     "a port of weights nan": lambda at: gx.Port(film(), (0,), weights=(math.nan,)),
     "a port of half a node": lambda at: gx.Port(film(), (0.5,)),
@@ -486,7 +449,6 @@ BODIES: dict[str, Case] = {
     "a displacement that changes its points": lambda at: same(
         energy(run(film(displacement=mutated))), energy(run(film(displacement=lambda X: 1e-3 * X)))
     ),
-    "a displacement transposed": lambda at: run(film(displacement=lambda X: X.T)),
     "a displacement to one point": lambda at: run(film(displacement=lambda X: -X)).time == 2e-4,
     "a displacement that turns over": lambda at: (
         run(film(displacement=lambda X: np.stack([-2 * X[0], 0 * X[0], 0 * X[0]]))).time == 2e-4
@@ -495,16 +457,11 @@ BODIES: dict[str, Case] = {
     "a velocity of 1e9 m/s": lambda at: run(film(velocity=lambda X: 1e9 * X)).time == 2e-4,
     "a property of another law": lambda at: run(film(properties={"E2": 1.0})),
     "a property of words": lambda at: run(film(properties={"E": "a"})),
-    "a property by group of nobody": lambda at: run(film(properties={"E": {"wing": 1e9}})),
     "a property by a group of curves": lambda at: run(film(properties={"E": {"left": 1e9}})),
     "a negative property": lambda at: run(film(properties={"thickness": lambda X: -X[0]})),
     "a property of nan": lambda at: run(film(properties={"thickness": lambda X: np.nan * X[0]})),
     "a property of density None": lambda at: run(film(properties={"density": None})),
     "a stress of nan": lambda at: run(film(initial_stress=np.full((3, 3), math.nan))),
-    "a stress normal to the film": lambda at: run(film(initial_stress=np.diag([0, 0, 1e6]))),
-    "an unsymmetric stress": lambda at: run(film(initial_stress=np.triu(np.ones((3, 3))))),
-    "stress and strain": lambda at: run(film(initial_stress=np.eye(3), initial_strain=np.eye(3))),
-    "a strain of -2": lambda at: run(film(initial_strain=-2 * np.diag([1, 1, 0]))),
     "thermal without gradient": lambda at: (
         run(film(thermal=gx.materials.ThermalExpansion(1e-5))).time == 2e-4
     ),
@@ -628,12 +585,6 @@ SCENES: dict[str, Case] = {
         energy(run(film(), gx.RigidMotion(spin=Z), gx.RigidMotion(spin=Z, name="b"))),
         energy(run(film(), gx.RigidMotion(spin=(0.0, 0.0, 2.0)))),
     ),
-    "start from twice": lambda at: (
-        lambda found: run(film(), gx.StartFrom(found.system), gx.StartFrom(found.system, name="b"))
-    )(held()),
-    "gravity twice": lambda at: (lambda sail: run(sail, gx.Gravity(sail), gx.Gravity(sail)))(
-        film()
-    ),
     "a pressure that is a generator": lambda at: with_film(
         lambda sail: gx.Pressure(sail, lambda t: (k for k in range(3)))
     ),
@@ -750,10 +701,6 @@ SCENES: dict[str, Case] = {
         lambda a: run(a, gx.Frame(a.port(), (a.port(), a.port(), a.port())), gx.Gravity(a))
     )(mass()),
     "a frame of two directors": lambda at: run(gx.Frame(mass().port(), (mass().port(),) * 2)),
-    "a crease of the rim": lambda at: with_film(
-        lambda sail: gx.connectors.Crease(sail, "left", stiffness=1.0)
-    ),
-    "damping of nothing": lambda at: run(film(), gx.Damping(film(), mass_factor=1.0)),
 }
 
 
@@ -782,7 +729,6 @@ def sliding(**options: Any) -> gx.Simulation:
 
 
 CONTACT_AND_GAS: dict[str, Case] = {
-    "a film in the floor": lambda at: touching(height=0.0),
     "a film below the floor": lambda at: touching(height=-1.0),
     "a distance above the cells": lambda at: touching(distance=10.0),
     "a radius of nobody": lambda at: touching(radius={"wing": 1e-3}),
@@ -812,29 +758,10 @@ CONTACT_AND_GAS: dict[str, Case] = {
     "an obstacle on a body that is not there": lambda at: touching(
         gx.contact.Sphere(centre=(0, 0, -5.0), radius=1.0, body=mass().port(), name="ball")
     ),
-    "a box that the film is in": lambda at: touching(
-        gx.contact.Box(centre=ZERO, sizes=(9.0, 9.0, 9.0), name="box")
-    ),
     "a valve of 1e9 m²": lambda at: inflated(valve=1e9).time == 2e-4,
-    "a chamber of a sheet": lambda at: (
-        lambda sail: run(sail, gx.Chamber(sail, gas=AIR, pressure=1.0, temperature=3.0))
-    )(film()),
-    "a chamber whose film is missing": lambda at: (
-        run(
-            film(), gx.Chamber(bag(), gas=AIR, pressure=1e5, temperature=300.0, dead_volume=1.0)
-        ).time
-        == 2e-4
-    ),
     "a chamber and a volume": lambda at: gx.Chamber(
         bag(), gas=AIR, pressure=1.0, temperature=3.0, volume=1.0
     ),
-    "two orifices of one name": lambda at: (
-        lambda one: run(
-            one,
-            gx.Orifice(one, gx.gas.Ambient(), area=1e-6),
-            gx.Orifice(one, gx.gas.Ambient(), area=1e-6),
-        )
-    )(tank()),
     "a chamber by another name": lambda at: run(film(), tank()).chamber("bottle"),
     "a wall below zero kelvin": lambda at: run(
         film(), one := tank(), gx.gas.WallHeat(one, conductance=1.0, temperature=lambda t: -1.0)
@@ -890,9 +817,6 @@ RUNS: dict[str, Case] = {
     "until NumPy's number": lambda at: run(mass(), until=np.float32(2e-4)).time > 1e-4,
     "until 1e99 s": lambda at: run(mass(), until=1e99),
     "steps of 1e-90 s": lambda at: run(mass(), dt=1e-90, until=1.0),
-    "backwards": lambda at: (lambda made: (made.run(until=2e-4), made.run(until=1e-4)))(
-        simulation(mass())
-    ),
     "on and on": lambda at: (
         lambda made: (made.run(until=1e-4), made.run(until=3e-4), made.time == 3e-4)[-1]
     )(simulation(mass())),
@@ -963,9 +887,6 @@ RUNS: dict[str, Case] = {
         mass(), outputs=[gx.Series({"a": lambda run: setattr(run, "time", 9.0) or 1.0})]
     ),
     "a probe of None": lambda at: run(mass(), outputs=[gx.Series({"a": None})]),
-    "a probe of another scene": lambda at: run(
-        mass(), outputs=[gx.Series({"a": gx.probes.Position(mass("b").port(), "x")})]
-    ),
     "a series without probes": lambda at: run(mass(), outputs=[gx.Series({})]).time == 2e-4,
     "a picture of a text file": lambda at: run(
         film(), outputs=[gx.plot.Picture(at / "a.txt", times=(1e-4,))]
@@ -981,7 +902,6 @@ RUNS: dict[str, Case] = {
     "vtu of a mass": lambda at: run(mass(), outputs=[gx.outputs.VTU(at / "a.pvd")]),
     "a log in a folder": lambda at: gx.run.log_to(ONE, at),
     "a log in a file": lambda at: gx.run.log_to(ONE, written(at / "b", "") / "a.log"),
-    "state of a film that is not there": lambda at: run(mass()).system.state[film()],
     "state by name": lambda at: run(mass()).system.state["mass"],
     "a restart of nothing": lambda at: again(at, lambda folder: None).time == 4e-4,
     "a restart without a page": lambda at: again(at, lambda f: page(f).unlink()).time == 4e-4,
@@ -991,7 +911,6 @@ RUNS: dict[str, Case] = {
     "a restart with changes of nobody": lambda at: run(
         film(), restart=saved(at), changes=["wing"], until=4e-4
     ),
-    "changes without restart": lambda at: run(film(), changes=["film"]),
     "a report of nothing": lambda at: gx.plot.RunReader(at),
     "a report of a file": lambda at: gx.plot.RunReader(written(at / "run", "")),
     "a report of tables in UTF-16": lambda at: reader(
@@ -1072,11 +991,6 @@ def swept(at: Path, outcome: Callable[..., Any], over: Any = None) -> Any:
 
 
 ANALYSES: dict[str, Case] = {
-    "a reaction before find": lambda at: (
-        lambda sail: (
-            lambda support: gx.Equilibrium(gx.Scene(sail, support)).reaction(support) is not None
-        )(gx.Fixed(sail, "left"))
-    )(film()),
     "a chamber of no name": lambda at: at_rest().chamber("bottle"),
     "an equilibrium that floats": lambda at: (
         gx.Equilibrium(gx.Scene(film())).find().within_tolerance
@@ -1212,10 +1126,6 @@ FOLDS_AND_ORBITS: dict[str, Case] = {
     ),
     "an orbit that escapes": lambda at: (
         run(film(), gx.orbit.Orbit(gx.orbit.Elements(7e12, 0.999999))).time == 2e-4
-    ),
-    "groups of nobody": lambda at: flown(
-        lambda sail, path: gx.orbit.SolarPressure(sail, path, groups={"wing": gx.orbit.Optics()}),
-        sun=Z,
     ),
     "a load of an orbit that is not there": lambda at: (
         run(sail := film(), gx.orbit.SolarPressure(sail, orbit(sun=Z))).time == 2e-4
@@ -1383,4 +1293,4 @@ def test_wrong_use_is_refused_in_a_sentence_or_harmless(
             bad.append(f"{what}: {found}")
     print(f"{counts.total()} kinds of wrong use: {dict(counts)}")
     assert not bad, "\n".join(bad)
-    assert counts.total() >= (380 if every == 1 else 40)
+    assert counts.total() >= (360 if every == 1 else 40)

@@ -22,17 +22,12 @@ from gossamer_fx.core.checks.lazy_names import public_names
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.control.feedback import Actuator
 from gossamer_fx.mechanics.gas.contract import Gas
-from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.scene import Item
 from tests.sentences import is_line_of_command, is_sentence
-from tests.small_scenes import LINEAR
+from tests.small_scenes import film
 from tests.unit.public_calls import UNCALLED, Call, make_inputs, method_calls, spoiled, valid_calls
 
 WORLD = MPI.COMM_WORLD
-
-
-def film(comm: MPI.Intracomm = WORLD, **options) -> gx.Membrane:
-    return gx.Membrane(sheet(comm, 2, 2), LINEAR, **options)
 
 
 def simulation(**options) -> gx.Simulation:
@@ -472,7 +467,7 @@ def test_a_dry_run_warns_of_films_that_intersect(tmp_path: Path, monkeypatch, ca
 @pytest.mark.mpi
 def test_bodies_on_other_ranks_are_refused(comm) -> None:
     """A hub without `comm` is on all ranks, its film on one."""
-    sail = film(MPI.COMM_SELF, name="sail")
+    sail = film(comm=MPI.COMM_SELF, name="sail")
     scene = gx.Scene(sail, gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub", comm=comm))
     if comm.size == 1:
         # The same rank in both.

@@ -19,6 +19,7 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube_section import capped_cylinder
 from gossamer_fx.solve.solvers import condensed_constraints, eliminated_joints, two_level
 from gossamer_fx.solve.solvers.condensed_constraints import CondensedConstraints
+from tests.contact.scenes import leaf
 from tests.small_scenes import AIR, begin_iteration
 
 LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
@@ -109,23 +110,10 @@ def braced(comm):
 SCENES = (chain, plane, braced)
 
 
-def leaf(comm, cells, angle, spin, name):
-    """A film of 0.1 m on the y axis, turned about it by an angle, with a spin about it [rad/s]."""
-    c = np.cos(angle)
-    s = np.sin(angle)
-    return gx.Membrane(
-        sheet(comm, 4, cells, 0.1, 0.1),
-        LAW,
-        name=name,
-        displacement=lambda X: np.vstack([c * X[0], X[1], s * X[0]]) - X,
-        velocity=lambda X: np.vstack([-s * spin * X[0], 0 * X[0], c * spin * X[0]]),
-    )
-
-
 def book(comm):
     """Two films of different meshes, tied along the y axis, clap together."""
-    lower = leaf(comm, 4, angle=0.0, spin=0.0, name="lower")
-    upper = leaf(comm, 6, angle=0.03, spin=-20.0, name="upper")
+    lower = leaf(comm, law=LAW, name="lower")
+    upper = leaf(comm, 6, angle=0.03, spin=-20.0, law=LAW, name="upper")
     tie = gx.Tie(upper, lower, group_a="left", group_b="left")
     return [lower, upper, tie, gx.Contact(lower, upper, distance=1e-3)]
 

@@ -15,6 +15,7 @@ from gossamer_fx.mechanics.orbit.solar_heating import LIGHT_SPEED
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import AIR
+from tests.differences import pressure_by_differences
 from tests.rates import observed_order
 from tests.small_scenes import inwards
 
@@ -189,35 +190,25 @@ def test_a_restart_goes_on_with_the_same_heat(tmp_path: Path):
 
 
 def test_gradients_are_those_of_differences():
-    def of(coefficient=50.0):
-        one = balloon(MPI.COMM_SELF, coefficient, velocity=inwards)
-        tape = gx.analysis.RunTape(one.run)
-        one.run.run(until=0.01)
-        return tape, gx.analysis.ChamberPressure(one.bag.chamber), one.bag.pressure
+    def make(coefficient):
+        return balloon(MPI.COMM_SELF, coefficient, velocity=inwards).run
 
-    tape, pressure, _ = of()
-    found = gx.analysis.gradient(tape, of=pressure, by=["cold.coefficient"])
-    slope = found["cold.coefficient"].values[0]
-    values = [of(50.0 + δ)[2] for δ in (-0.2, -0.1, 0.1, 0.2)]
-    difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * 0.1)
-    assert slope == pytest.approx(difference, rel=1e-6)
+    pressure_by_differences(make, "cold.coefficient", 50.0, until=0.01, chamber="bag", change=2e-3)
 
 
-def test_a_function_has_no_gradient():
-    one = balloon(MPI.COMM_SELF, lambda gas, outside: 50.0)
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"coefficient": lambda gas, outside: 50.0}, "has no gradient"),
+        ({"outside": lambda run: OUTSIDE}, "has no gradient: its temperature"),
+    ],
+)
+def test_functions_have_no_gradient(given, words):
+    one = balloon(MPI.COMM_SELF, **given)
     tape = gx.analysis.RunTape(one.run)
     one.run.run(until=2e-3)
     pressure = gx.analysis.ChamberPressure(one.bag.chamber)
-    with pytest.raises(gx.InputError, match="'cold' has no gradient"):
-        gx.analysis.gradient(tape, of=pressure, by=["cold.temperature"])
-
-
-def test_a_temperature_that_is_a_function_has_no_gradient():
-    one = balloon(MPI.COMM_SELF, outside=lambda run: OUTSIDE)
-    tape = gx.analysis.RunTape(one.run)
-    one.run.run(until=2e-3)
-    pressure = gx.analysis.ChamberPressure(one.bag.chamber)
-    with pytest.raises(gx.InputError, match="'cold' has no gradient: its temperature"):
+    with pytest.raises(gx.InputError, match=f"'cold' {words}"):
         gx.analysis.gradient(tape, of=pressure, by=["cold.coefficient"])
 
 

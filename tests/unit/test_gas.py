@@ -122,16 +122,6 @@ def test_flow_reverses_when_the_reservoir_is_the_lower_one():
     assert run.totals.mass_supplied == pytest.approx(state.mass - m_start, rel=1e-12)
 
 
-def test_order_of_the_ends_only_turns_the_sign():
-    def final(first, second):
-        a, b = (tank(0.01, p, 300.0, f"{p}") for p in (3e5, 1e5))
-        run, states = start(a, b, gx.Orifice((a, b)[first], (a, b)[second], area=1e-5), dt=0.05)
-        run.run(until=1.0)
-        return pressures(states)
-
-    assert final(0, 1) == pytest.approx(final(1, 0), rel=1e-13)
-
-
 def test_valve_lets_through_what_its_area_says():
     """While choked, m(t) = m_start + ṁ*/A ∫a(t)dt; the midpoint takes a(t) to second order."""
 

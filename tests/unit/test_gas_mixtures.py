@@ -14,6 +14,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.algebra.dual_numbers import jacobian, variables
 from gossamer_fx.mechanics.gas.mixture import Blend
 from gossamer_fx.presets.gases import CARBON_DIOXIDE, HELIUM, HOT_NITROGEN, NITROGEN
+from tests.differences import pressure_by_differences
 from tests.rates import observed_order
 from tests.small_scenes import run_of
 
@@ -292,21 +293,12 @@ def test_a_recording_has_the_masses_of_species_of_mixtures_only(tmp_path: Path):
     [("inlet.area", "area", 2e-5), ("bottle.fraction of helium", "fraction", 0.3)],
 )
 def test_gradients_of_a_mixture_are_those_of_differences(name, argument, value):
-    def of(value):
+    def make(value):
         scene = driven_piston(MPI.COMM_SELF, **{argument: value})
-        run = gx.Simulation(scene, gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-13)))
-        tape = gx.analysis.RunTape(run)
-        run.run(until=0.03)
-        pressure = gx.analysis.ChamberPressure(run.chamber("cylinder").chamber)
-        return tape, pressure, run.chamber("cylinder").pressure
+        tolerances = gx.Tolerances(relative=1e-13)
+        return gx.Simulation(scene, gx.Midpoint(dt=1e-3, tolerances=tolerances))
 
-    tape, pressure, _ = of(value)
-    found = gx.analysis.gradient(tape, of=pressure, by=[name])[name].values[0]
-    δ = 1e-4 * value
-    # The five-point formula, whose error of δ⁴ is far below round-off over δ.
-    values = [of(value + k * δ)[2] for k in (-2, -1, 1, 2)]
-    difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * δ)
-    assert found == pytest.approx(difference, rel=1e-6)
+    pressure_by_differences(make, name, value, until=0.03, chamber="cylinder")
 
 
 # ---- gases with specific heats that change -------------------------------------------------------

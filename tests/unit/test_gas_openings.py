@@ -18,6 +18,7 @@ from gossamer_fx.mechanics.gas.compiled_balance import CompiledBalance
 from gossamer_fx.mechanics.gas.openings import friction_parameter, isentropic_flow
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import HELIUM
+from tests.differences import pressure_by_differences
 from tests.small_scenes import AIR, inwards, run_of
 
 OUTSIDE = gx.gas.Ambient(1e5, 300.0, name="outside")
@@ -124,22 +125,15 @@ def test_an_event_opens_a_valve_and_a_restart_keeps_it_open(tmp_path: Path):
 def test_gradients_by_the_area_of_a_valve_are_those_of_differences():
     """The valve opens after some steps of filling; the step in which it does is the same."""
 
-    def of(area):
+    def make(area):
         vessel = tank(1.19e5)
         supply = gx.gas.Ambient(6e5, 300.0, name="supply")
-        run = run_of(
-            gx.Orifice(supply, vessel, area=1e-6, name="inlet"), relief(vessel, area=area), dt=5e-3
-        )
-        tape = gx.analysis.RunTape(run)
-        run.run(until=0.25)
-        pressure = gx.analysis.ChamberPressure(vessel)
-        return tape, pressure, run.chamber("tank").pressure
+        inlet = gx.Orifice(supply, vessel, area=1e-6, name="inlet")
+        return run_of(inlet, relief(vessel, area=area), dt=5e-3)
 
-    tape, pressure, _ = of(1e-6)
-    found = gx.analysis.gradient(tape, of=pressure, by=["relief.area"])["relief.area"].values[0]
-    δ = 1e-9
-    values = [of(1e-6 + k * δ)[2] for k in (-1, 1)]
-    assert found == pytest.approx((values[1] - values[0]) / (2 * δ), rel=1e-6)
+    found = pressure_by_differences(
+        make, "relief.area", 1e-6, until=0.25, chamber="tank", change=1e-3
+    )
     assert found < 0
 
 
@@ -179,26 +173,18 @@ def test_the_coefficient_is_that_of_the_pressure_ratio(ratio, coefficient):
 
 
 def test_a_run_with_a_table_conserves_and_has_gradients():
-    def of(area):
-        a = tank(3e5, "a")
-        b = tank(1e5, "b")
-        between = gx.Orifice(a, b, area=area, discharge_coefficient=SHARP, name="between")
-        run = run_of(between, dt=0.02)
-        tape = gx.analysis.RunTape(run)
-        run.run(until=0.5)
-        assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13
-        return tape, b, run.chamber("b").pressure
+    def make(area):
+        ends = (tank(3e5, "a"), tank(1e5, "b"))
+        between = gx.Orifice(*ends, area=area, discharge_coefficient=SHARP, name="between")
+        return run_of(between, dt=0.02)
 
-    tape, b, _ = of(2e-6)
-    by = gx.analysis.gradient(tape, of=gx.analysis.ChamberPressure(b), by=["between.area"])
-    δ = 2e-10
-    values = [of(2e-6 + k * δ)[2] for k in (-1, 1)]
-    difference = (values[1] - values[0]) / (2 * δ)
-    assert by["between.area"].values[0] == pytest.approx(difference, rel=1e-6)
+    pressure_by_differences(make, "between.area", 2e-6, until=0.5, chamber="b")
+    run = make(2e-6)
+    tape = gx.analysis.RunTape(run)
+    run.run(until=0.5)
+    assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13
     with pytest.raises(gx.InputError, match="discharge_coefficient"):
-        gx.analysis.gradient(
-            tape, of=gx.analysis.ChamberPressure(b), by=["between.discharge_coefficient"]
-        )
+        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["between.discharge_coefficient"])
 
 
 def test_tables_out_of_order_or_range_are_refused():
@@ -311,27 +297,20 @@ def test_gradients_through_a_porous_film_are_those_of_differences():
     """By the thickness of the film: it acts through the motion, and the area through which the gas
     leaks."""
 
-    def of(thickness):
+    def make(thickness):
         law = gx.Linear(E=1e7, nu=0.3, density=1000.0, thickness=thickness)
         film = gx.Membrane(sphere(MPI.COMM_SELF, RADIUS, 4), law, velocity=inwards, name="film")
         outside = gx.gas.Ambient(1e5, 300.0, name="outside")
         bag = gx.Chamber(film, gas=AIR, pressure=1.1e5, temperature=300.0, outside=outside)
         leak = gx.gas.PorousFilm(bag, outside, area=gx.gas.FilmArea(film), viscous=500.0)
-        run = gx.Simulation(
+        return gx.Simulation(
             gx.Scene(film, bag, leak),
             gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-13)),
         )
-        tape = gx.analysis.RunTape(run)
-        run.run(until=0.01)
-        return tape, gx.analysis.ChamberPressure(bag), run.chamber("chamber").pressure
 
-    tape, pressure, _ = of(1e-4)
-    found = gx.analysis.gradient(tape, of=pressure, by=["film.thickness"])
-    slope = found["film.thickness"].values[0]
-    δ = 1e-7
-    values = [of(1e-4 + k * δ)[2] for k in (-2, -1, 1, 2)]
-    difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * δ)
-    assert slope == pytest.approx(difference, rel=1e-6)
+    pressure_by_differences(
+        make, "film.thickness", 1e-4, until=0.01, chamber="chamber", change=1e-3
+    )
 
 
 # ---- pipes ---------------------------------------------------------------------------------------

@@ -17,12 +17,21 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.creased_strip import creased_strip
-from gossamer_fx.meshes.line import line
-from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
 from tests.sentences import assert_sentence
-from tests.small_scenes import AIR, LINEAR, MATERIAL, three_sheets
+from tests.small_scenes import (
+    AIR,
+    LINEAR,
+    MATERIAL,
+    beam,
+    body,
+    cable,
+    film,
+    plate,
+    tank,
+    three_sheets,
+)
 
 WORLD = MPI.COMM_WORLD
 OUTSIDE = gx.gas.Ambient(1.0)
@@ -33,37 +42,12 @@ LONGEST = 700
 Case = tuple[Callable[[], object], str]
 
 
-def film(**options: Any) -> gx.Membrane:
-    return gx.Membrane(sheet(WORLD, 2, 2), LINEAR, **options)
-
-
 def tube(**options: Any) -> gx.Membrane:
     return gx.Membrane(flat_tube(WORLD, 0.2, 0.06, 2), LINEAR, **options)
 
 
 def creased() -> gx.Membrane:
     return gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), LINEAR)
-
-
-def plate(**options: Any) -> gx.Plate:
-    return gx.Plate(sheet(WORLD, 2, 2), LINEAR, **options)
-
-
-def cable(**options: Any) -> gx.Cable:
-    return gx.Cable(line(WORLD, [ORIGIN, (1, 0, 0)], 2), gx.CableLaw(1e5, 0.1), **options)
-
-
-def beam(**options: Any) -> gx.Beam:
-    section = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)
-    return gx.Beam(line(WORLD, [ORIGIN, (1, 0, 0)], 2), section, **options)
-
-
-def body(**options: Any) -> gx.RigidBody:
-    return gx.RigidBody(1.0, (1.0, 1.0, 1.0), **options)
-
-
-def tank(gas: gx.IdealGas = AIR, **options: Any) -> gx.Tank:
-    return gx.Tank(1e-3, gas=gas, pressure=1e5, temperature=300.0, **options)
 
 
 def chamber(*films: Any, **options: Any) -> gx.Chamber:
@@ -278,7 +262,7 @@ GAS: list[Case] = [
     (lambda: run(gx.Orifice(tank(), OUTSIDE, area=lambda t: -t)), "area"),
     (
         lambda: compiled(
-            gx.Orifice(tank(), tank(gx.IdealGas(1.67, 2077.0), name="helium"), area=1e-6)
+            gx.Orifice(tank(), tank(gas=gx.IdealGas(1.67, 2077.0), name="helium"), area=1e-6)
         ),
         "the same name 'gas'",
     ),

@@ -44,14 +44,12 @@ import gossamer_fx as gx
 from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from demos.validation.models.braided_tube import Tube, cords_of
-from gossamer_fx.core.algebra.point_measures import PointMeasure
+from demos.validation.models.braided_tube import Tube, cords_of, held_component
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Port
+from gossamer_fx.core.model.body import Port, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.loads import PointLoad
-from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
 # Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
 # "cells_around" are given.
@@ -389,30 +387,9 @@ class Supports:
 
     def terms(self, start: State) -> Iterable[Term]:
         """z - z_start = 0 for each section."""
-        up = np.eye(3)[[2]]
         for i, section in enumerate(self._sections):
             height = float(start.vector(section)[2])
-            measure = PointMeasure(
-                [(section,)],
-                np.zeros((1, 3, 3)),
-                up,
-                np.array([-height]),
-            )
-            yield PointConstraint(f"support {i + 1}", measure)
-
-
-def combined(parts: list[tuple[float, Port]]) -> Port:
-    """A linear combination of ports of one body."""
-    nodes: list[int] = []
-    weights: list[float] = []
-    for factor, port in parts:
-        nodes += port.nodes
-        weights += [factor * weight for weight in port.weights]
-    return Port(
-        parts[0][1].body,
-        tuple(nodes),
-        weights=tuple(weights),
-    )
+            yield held_component(f"support {i + 1}", section, 2, height)
 
 
 # ---- the model -----------------------------------------------------------------------------------
@@ -566,27 +543,18 @@ def _cables(torus: Torus, film: gx.Membrane, nodes: Array, φ: Array) -> list[Ca
     reach = math.ceil(torus.tube.radius / spacing)
     offsets = np.arange(-reach, reach + 1)
     shares = np.maximum(1 - np.abs(offsets) * spacing / torus.tube.radius, 0.0)
-    shares = shares / shares.sum()
+    offsets = offsets[shares > 0]
+    shares = shares[shares > 0] / shares.sum()
     cables: list[Cable] = []
     for side, (radius, height) in zip((-1.0, 1.0), torus.pulleys, strict=True):
         weights = section_parts(φ) * (1 + 2 * side * np.cos(φ))
         for angle in torus.station_angles:
             row = _row(angle, count)
-            parts = []
-            for share, offset in zip(shares, offsets, strict=True):
-                if share > 0:
-                    ring = nodes[(row + offset) % count]
-                    parts.append((float(share), _mean(film, ring, weights)))
+            rings = [_mean(film, nodes[(row + k) % count], weights) for k in offsets]
+            end = combine(shares.tolist(), rings)
             pulley = np.array([radius * math.cos(angle), radius * math.sin(angle), height])
             first_force = float(torus.first_forces[len(cables)])
-            cables.append(
-                Cable(
-                    combined(parts),
-                    pulley,
-                    first_force,
-                    torus.cable_stiffness,
-                )
-            )
+            cables.append(Cable(end, pulley, first_force, torus.cable_stiffness))
     return cables
 
 

@@ -43,6 +43,7 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.rigid_body import RigidPiece
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
 
 # Cells over half of the section in the full and the quick form, unless the input "cells_around" is
 # given.  With 18 of them results change by less than 0.2 %.
@@ -330,72 +331,27 @@ def half_tube_mesh(
     coordinates = np.vstack([points.reshape(-1, 3), [[x[-1], 0.0, 0.0]]])
     number = np.arange(rings * per_ring).reshape(rings, per_ring)
 
-    def build(model: Any) -> None:
-        surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(
-            2,
-            surface,
-            range(1, len(coordinates) + 1),
-            coordinates.ravel(),
-        )
-        wall = _wall_triangles(number, 0, band[0]) + _wall_triangles(number, band[1], rings - 1)
-        _add_triangles(model, surface, wall, "wall")
-        _add_triangles(
-            model,
-            model.addDiscreteEntity(2),
-            _wall_triangles(number, *band),
-            "band",
-        )
+    def arrays() -> tuple[Array, Array, dict[str, Array]]:
+        begin, end = band
         last = number[-1]
-        cap = [(centre, last[k + 1], last[k]) for k in range(around)]
-        _add_triangles(
-            model,
-            model.addDiscreteEntity(2),
-            cap,
-            "cap",
-        )
-        _add_line(model, [number[0]], "middle")
-        end_rim = [[last[0], centre], [centre, last[-1]]]
-        _add_line(
-            model,
-            [number[:, 0], number[:, -1], *end_rim],
-            "plane",
-        )
-        for k in range(per_ring):
-            _add_line(model, [number[:, k]], f"line {k}")
+        parts = {
+            "wall": np.vstack([wall_triangles(number[: begin + 1]), wall_triangles(number[end:])]),
+            "band": wall_triangles(number[begin : end + 1]),
+            "cap": np.column_stack([np.full(around, centre), last[1:], last[:-1]]),
+        }
+        end_rim = polyline(np.array([last[0], centre, last[-1]]))
+        lines = {f"line {k}": polyline(number[:, k]) for k in range(per_ring)}
+        lines["middle"] = polyline(number[0])
+        lines["plane"] = np.vstack([lines["line 0"], lines[f"line {around}"], end_rim])
+        return coordinates, np.vstack(list(parts.values())), parts | lines
 
-    return gx.gmsh_mesh(build, comm)
+    return mesh_of_arrays(comm, arrays)
 
 
-def _wall_triangles(number: Array, first: int, last: int) -> list[tuple[int, int, int]]:
-    """Triangles between two rings of nodes, with normals outwards."""
-    found = []
-    for i in range(first, last):
-        for k in range(number.shape[1] - 1):
-            a = number[i, k]
-            b = number[i + 1, k]
-            c = number[i + 1, k + 1]
-            d = number[i, k + 1]
-            found += [(a, b, c), (a, c, d)]
-    return found
-
-
-def _add_triangles(model: Any, entity: int, triangles: list, name: str) -> None:
-    """A surface of triangles of numbered nodes."""
-    corners = [int(node) + 1 for triangle in triangles for node in triangle]
-    model.mesh.addElementsByType(entity, 2, [], corners)
-    model.addPhysicalGroup(2, [entity], name=name)
-
-
-def _add_line(model: Any, chains: list, name: str) -> None:
-    """A group of edges along chains of nodes."""
-    entity = model.addDiscreteEntity(1)
-    ends = []
-    for chain in chains:
-        for a, b in pairwise(chain):
-            ends += [int(a) + 1, int(b) + 1]
-    model.mesh.addElementsByType(entity, 1, [], ends)
-    model.addPhysicalGroup(1, [entity], name=name)
+def wall_triangles(rings: Array) -> Array:
+    """Triangles (m, 3) between rings of nodes (n, k), with normals outwards."""
+    a, b, c, d = cell_corners(rings.T)
+    return np.vstack([triangles_of(a, b, c), triangles_of(a, c, d)])
 
 
 # ---- items of the scene --------------------------------------------------------------------------
@@ -448,26 +404,18 @@ class End:
                 np.zeros(2),
             ),
         )
-        across = np.eye(3)[[1]]
         for k, port in enumerate((piece.port(), *piece.directors)):
-            measure = PointMeasure(
-                [(port,)],
-                np.zeros((1, 3, 3)),
-                across,
-                np.zeros(1),
-            )
-            yield PointConstraint(f"{self.name} plane {k}", measure)
-        if self._lever is None:
-            return
-        foot = piece.port(-self._lever)
-        up = np.eye(3)[[2]]
-        rail = PointMeasure(
-            [(foot,)],
-            np.zeros((1, 3, 3)),
-            up,
-            np.array([self._lever]),
-        )
-        yield PointConstraint(f"{self.name} foot", rail)
+            yield held_component(f"{self.name} plane {k}", port, 1, 0.0)
+        if self._lever is not None:
+            yield held_component(f"{self.name} foot", piece.port(-self._lever), 2, -self._lever)
+
+
+def held_component(
+    name: str, port: Port, axis: int, value: float, closing: Callable[[float], float] | None = None
+) -> PointConstraint:
+    """The constraint that a component of a vector is a value; `closing` as of `PointConstraint`."""
+    measure = PointMeasure([(port,)], np.zeros((1, 3, 3)), np.eye(3)[[axis]], np.array([-value]))
+    return PointConstraint(name, measure, closing=closing)
 
 
 class Lowered:
@@ -487,15 +435,8 @@ class Lowered:
 
     def terms(self, start: State) -> Iterable[Term]:
         """The constraint z - (height - 1) = 1 - t."""
-        up = np.eye(3)[[2]]
-        measure = PointMeasure(
-            [(self._port,)], np.zeros((1, 3, 3)), up, np.array([1.0 - self._height])
-        )
-        yield PointConstraint(
-            self.name,
-            measure,
-            closing=lambda t: 1.0 - t,
-        )
+        value = self._height - 1.0
+        yield held_component(self.name, self._port, 2, value, closing=lambda t: 1.0 - t)
 
 
 def mean_of(film: gx.Membrane, nodes: Array, weights: Array) -> Port:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import time
 
-import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
@@ -82,20 +81,11 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         ),
     )
     tolerances = gx.Tolerances(absolute=NEGLIGIBLE_FORCE)
-    run = gx.Simulation(scene, gx.Midpoint(dt=step, tolerances=tolerances))
-    times = [0.0]
-    travels = [0.0]
-    pressures = [start]
-    while run.time < duration:
-        run.run(until=run.time + step)
-        times.append(run.time)
-        travels.append(float(run.system.state.vector(tip.port())[0]))
-        pressures.append(run.chamber("vessel").pressure - air.pressure)
-    t = np.array(times)
-    quantities = {
-        "travel": Predicted(np.array(travels), t),
-        "pressure": Predicted(np.array(pressures), t),
-    }
+    series = gx.Series({"travel": gx.probes.Position(tip.port(), "x"), "pressure": air.gauge_of})
+    stepper = gx.Midpoint(dt=step, tolerances=tolerances)
+    run = gx.Simulation(scene, stepper, outputs=[series])
+    run.run(until=math.ceil(duration / step) * step)
+    quantities = {name: Predicted(series[name], series.time) for name in ("travel", "pressure")}
     details = {
         "energy error": run.energy_error,
         "steps": float(run.step),

@@ -108,14 +108,20 @@ def shear_stiffness(radius: float, pressure: float) -> float:
     return torsional_stiffness(0.0, radius, pressure) / (2 * radius**2)
 
 
-def wall_stiffness(radius: float, pressure: float) -> float:
-    """E t [N/m] of a tube, by the secant of the fit at the load of the first wrinkle, equation
-    (2)."""
+def bending_law(radius: float, pressure: float) -> tuple[float, float]:
+    """Largest load [N] and first slope [N/m] of the fit of cantilevers."""
     p = pressure / BAR
     C1, C2, C3, C4 = FIT_LOAD
     C5, C6, C7, C8 = FIT_SLOPE
     largest = (C1 * radius + C2) * p**2 + C3 * radius**3 + C4
     slope = (C5 * radius**5 + C6) * p + C7 * radius + C8
+    return largest, slope
+
+
+def wall_stiffness(radius: float, pressure: float) -> float:
+    """E t [N/m] of a tube, by the secant of the fit at the load of the first wrinkle, equation
+    (2)."""
+    largest, slope = bending_law(radius, pressure)
     first_wrinkle = pressure * math.pi * radius**3 / 2
     deflection = -largest / slope * math.log(1 - first_wrinkle / largest)
     in_bending = deflection - first_wrinkle / shear_stiffness(radius, pressure)
@@ -128,11 +134,7 @@ def check_fits(radius: float, pressure: float, where: str) -> None:
     Raises:
         InputError: they have not.
     """
-    p = pressure / BAR
-    C1, C2, C3, C4 = FIT_LOAD
-    C5, C6, C7, C8 = FIT_SLOPE
-    largest = (C1 * radius + C2) * p**2 + C3 * radius**3 + C4
-    slope = (C5 * radius**5 + C6) * p + C7 * radius + C8
+    largest, slope = bending_law(radius, pressure)
     torque, per_twist = torsion_law(radius, pressure)
     is_within = slope > 0 and torque > 0 and per_twist > 0
     is_within = is_within and largest > pressure * math.pi * radius**3 / 2
@@ -142,7 +144,7 @@ def check_fits(radius: float, pressure: float, where: str) -> None:
     check(
         is_within,
         f"{where}: the fits of inflated tubes do not hold for a diameter of {2 * radius:g} m at "
-        f"{p:g} bar; give tubes of 0.09 to 0.2 m and 0.1 to 0.6 bar.",
+        f"{pressure / BAR:g} bar; give tubes of 0.09 to 0.2 m and 0.1 to 0.6 bar.",
     )
 
 

@@ -12,6 +12,7 @@ temperature.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -128,6 +129,10 @@ class Air:
         """Of the gas at ambient conditions [kg/m³]."""
         return self.pressure / (AIR.R * self.temperature)
 
+    def gauge_of(self, run: gx.Simulation) -> float:
+        """Pressure [Pa] of the vessel over that of the surroundings, a probe."""
+        return float(run.chamber("vessel").pressure - self.pressure)
+
     def ambient(self) -> gx.gas.Ambient:
         return gx.gas.Ambient(self.pressure, self.temperature)
 
@@ -193,15 +198,11 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     if "inflow" in inputs:
         times = inputs.numbers("inflow_times", "s")
         items.append(air.inflow(ambient, vessel, times, inputs.numbers("inflow", "m3/s")))
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=step))
-    found_times = [0.0]
-    pressures = [start]
-    while run.time < duration:
-        run.run(until=run.time + step)
-        found_times.append(run.time)
-        pressures.append(run.chamber("vessel").pressure - air.pressure)
-    t = np.array(found_times)
-    gauge = np.array(pressures)
+    series = gx.Series({"pressure": air.gauge_of})
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=step), outputs=[series])
+    run.run(until=math.ceil(duration / step) * step)
+    t = series.time
+    gauge = series["pressure"]
     quantities = {"pressure": Predicted(gauge, t)}
     if "inflow" not in inputs:
         quantities["rate of decay"] = Predicted(decay_rate(t, gauge))

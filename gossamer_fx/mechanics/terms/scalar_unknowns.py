@@ -86,7 +86,7 @@ class ScalarUnknowns(HistoryVariables):
 
     def force_square(self) -> float:
         """This rank's part of the square [N²] of the forces that cancel in those of `add_force`, of
-        which `System.force_scale` takes the round-off."""
+        which `System.force_scales` takes the round-off."""
         return 0.0
 
     def inadmissible(self) -> str:

@@ -407,7 +407,7 @@ class Newton:
         if not is_first and not self.system.active_sets:
             return
         A.getDiagonal(self._diagonal)
-        self.convergence.lower_floor(self.system.force_scale(self._diagonal))
+        self.convergence.lower_floor(*self.system.force_scales(self._diagonal))
         if is_first:
             energy = self.system.round_off_energy(self._diagonal)
             self.round_off_energy = max(self.round_off_energy, energy)
@@ -471,7 +471,11 @@ class Newton:
 
     def _is_solved(self) -> bool:
         """Whether the residual evaluated last passes the test of convergence.  Collective."""
-        return self.convergence.is_solved(self._residual, self._energy_error_is_small)
+        return self.convergence.is_solved(
+            self._residual,
+            self._energy_error_is_small,
+            lambda: self.system.body_imbalances(self._r),
+        )
 
     def _leaves_remainder(self) -> bool:
         """Whether a time step that one iteration has solved gets another one, with the same
@@ -491,10 +495,10 @@ class Newton:
         external, _ = self.system.imbalance(self.system.external_forces())
         return external
 
-    def _energy_error_is_small(self) -> bool:
+    def _energy_error_is_small(self, factor: float) -> bool:
         """Whether the work of the residual in the step, |r·(q1 - q0)| [J], the error of the total
-        energy, is below the energy tolerance times the largest energy so far; True if no energy is
-        known. Collective."""
+        energy, is below `factor` times the energy tolerance times the largest energy so far; True
+        if no energy is known.  Collective."""
         if not self.largest_energy:
             return True
         system = self.system
@@ -504,8 +508,12 @@ class Newton:
             forces = forces[: system.constraints.owned.start]
         n = forces.size
         moved = system.q1.array_r[:n] - system.q0.array_r[:n]
-        work = system.comm.allreduce(float(forces @ moved))
-        return abs(work) <= self.tolerances.energy * self.largest_energy
+        work = abs(system.comm.allreduce(float(forces @ moved)))
+        tolerance = factor * self.tolerances.energy
+        if work <= tolerance * self.largest_energy:
+            return True
+        # What starts from rest has hardly any energy before its first step.
+        return work <= tolerance * system.kinetic_energy_of_step()
 
     # ---- reports ---------------------------------------------------------------------------------
 

@@ -88,8 +88,12 @@ class Increment:
     def end(self, w: PETSc.Vec, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
         """Take w, and set q1 = q0 + p + w."""
         w.copy(self._w)
-        self._scratch.waxpy(1.0, w, self._p)
-        q1.waxpy(1.0, self._scratch, q0)
+        q1.waxpy(1.0, self.total(), q0)
+
+    def total(self) -> PETSc.Vec:
+        """p + w [m], in a vector that the next call of any method may overwrite."""
+        self._scratch.waxpy(1.0, self._w, self._p)
+        return self._scratch
 
     def add_inertia(self, M: PETSc.Mat, r: PETSc.Vec) -> None:
         """Set r = c M (w + o) [N]."""
@@ -101,28 +105,20 @@ class Increment:
         r.scale(self._c)
 
     def mass_changed(self) -> None:
-        """Forget the masses of the last `force_scale`."""
+        """Forget the masses of the last `cancelling_squares`."""
         self._masses = None
 
-    def force_scale(
-        self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec, other_square: float
-    ) -> float:
-        """Reference force [N] for the round-off of a residual, the norm of what cancels in it:
-        diag(K) q1 and diag(c M)(w + o), from the diagonal of the tangent, diag(K) + diag(c M)
-        [N/m], and others, of which this rank's part of the square [N²] is given.  Fixed coordinates
-        do not count: their forces are reactions.  Collective."""
+    def cancelling_squares(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> Array:
+        """Squares [N²] of the forces that cancel in each owned row of a residual, the scale of its
+        round-off: diag(K) q1 and diag(c M)(w + o), from the diagonal of the tangent, diag(K) +
+        diag(c M) [N/m].  Fixed coordinates have none: their forces are reactions."""
         inertia = self._diagonal_inertia(M)
         offset = 0.0 if self._offset is None else self._offset.array_r
         elastic = (diagonal.array_r - inertia) * q1.array_r
         inertial = inertia * (self._w.array_r + offset)
-        forces: Array = np.empty((2, elastic.size))
-        forces[0] = elastic
-        forces[1] = inertial
-        forces[:, self._supports.held] = 0.0
-        square = float(np.vdot(forces, forces)) + other_square
-        if self._comm.size > 1:
-            square = self._comm.allreduce(square)
-        return square**0.5
+        squares: Array = elastic**2 + inertial**2
+        squares[self._supports.held] = 0.0
+        return squares
 
     def round_off_energy(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
         """Energy [J] that round-off gives to a scene at rest: ½ Σ K_ii (n ε q1_i)², n = REST_UNITS,
@@ -884,11 +880,32 @@ class System:
 
     # ---- the residual, for solvers ---------------------------------------------------------------
 
-    def force_scale(self, diagonal: PETSc.Vec) -> float:
-        """Norm [N] of the forces that cancel in the last residual: the scale of its round-off, from
-        the diagonal of the tangent."""
+    def force_scales(self, diagonal: PETSc.Vec) -> tuple[float, Array]:
+        """Norms [N] of the forces that cancel in the last residual, the scale of its round-off,
+        from the diagonal of the tangent: of all of them, and of those of each body (bodies,), none
+        in scenes of one body and in statics.  Collective."""
+        squares = self.increment.cancelling_squares(self.M, diagonal, self.q1)
+        own = [squares.sum()]
+        if len(self.bodies) > 1 and not self.rule.is_static:
+            own += self._body_sums(squares)
+        # Forces of gas may act on any body.
         of_scalars = sum([scalars.force_square() for scalars in self.scalar_unknowns])
-        return self.increment.force_scale(self.M, diagonal, self.q1, of_scalars)
+        norms = np.sqrt(self.comm.allreduce(np.array(own) + of_scalars))
+        return float(norms[0]), norms[1:]
+
+    def body_imbalances(self, r: PETSc.Vec) -> Array:
+        """Norms (bodies,) of the forces of each body in a residual [N].  Collective."""
+        return np.sqrt(self.comm.allreduce(np.array(self._body_sums(r.array_r**2))))
+
+    def _body_sums(self, values: Array) -> list[float]:
+        """Sums over the unknowns of each body that this rank has."""
+        return [values[self.block(body).owned].sum() for body in self.bodies]
+
+    def kinetic_energy_of_step(self) -> float:
+        """Kinetic energy [J] at the mean velocity of the step, (q1 - q0)/h.  Collective."""
+        increment = self.increment.total()
+        self.M.mult(increment, self._momenta)
+        return float(increment.dot(self._momenta)) / (2 * self.h**2)
 
     def round_off_energy(self, diagonal: PETSc.Vec) -> float:
         """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the

@@ -21,7 +21,7 @@ from gossamer_fx.mechanics.contact.friction.start_derivative import (
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.potential import ContactLaw, pair_starts
 from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle, gap_weights_of
-from tests.contact.random_pairs import near_pairs
+from tests.contact.random_pairs import derivative_by_differences, near_pairs
 
 # Pairs of each kind; of them some ten rub.
 COUNT = 40
@@ -35,26 +35,30 @@ def rubbing_pairs(kind: int) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
     pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))
     weights = gap_weights_of(pairs.kind, parameters_at_start(pairs))
     gap = np.einsum("nk,nkc->nc", weights, x0.reshape(COUNT, 4, 3))
-    is_triangle = kind == PointTriangle.number
+    start = SlidingGeometry(
+        normal=gap / np.linalg.norm(gap, axis=1)[:, None],
+        gap_weights=weights,
+        direction_weights=np.broadcast_to(EDGE_WEIGHTS[kind], (COUNT, 2, 4)),
+    )
     block_index = np.arange(16 * COUNT, dtype=np.int32).reshape(COUNT, 16)
-    rub = FrictionPairs(
+    return pairs_with_start(kind, pairs, start, block_index=block_index), x0, x1
+
+
+def pairs_with_start(kind: int, pairs, start: SlidingGeometry, **options) -> FrictionPairs:
+    is_triangle = kind == PointTriangle.number
+    return FrictionPairs(
         # Weights of the points of one side of the pair: one point, or two of an edge.
         pairs=pairs,
         law=ContactLaw.BARRIER,
         side_weights=np.tile([1.0, 0, 0, 0] if is_triangle else [1.0, 1, 0, 0], (COUNT, 1)),
         geometry=BetweenBodies(pairs.kind),
-        start=SlidingGeometry(
-            normal=gap / np.linalg.norm(gap, axis=1)[:, None],
-            gap_weights=weights,
-            direction_weights=np.broadcast_to(EDGE_WEIGHTS[kind], (COUNT, 2, 4)),
-        ),
+        start=start,
         points=pairs.points,
         point_weights=np.broadcast_to(np.eye(4), (COUNT, 4, 4)),
         coefficient=np.full(COUNT, COEFFICIENT),
         block_rows=pairs.points.astype(np.int64),
-        block_index=block_index,
+        **options,
     )
-    return rub, x0, x1
 
 
 @pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
@@ -89,16 +93,8 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(
     blocks = np.zeros((16 * COUNT, 9))
     rub.add_tangents(step, np.ones(4 * COUNT), blocks)
     K = blocks.reshape(COUNT, 4, 4, 3, 3).transpose(0, 1, 3, 2, 4).reshape(COUNT, 12, 12)
-    # Balances truncation and round-off for positions of unit size.
-    difference = 1e-7
-    numeric = np.zeros_like(K)
-    for j in range(12):
-        change = np.zeros((4, 3))
-        change.flat[j] = difference
-        everywhere = np.tile(change, (COUNT, 1))
-        up = forces(x1 + everywhere)
-        down = forces(x1 - everywhere)
-        numeric[:, :, j] = ((up - down) / (2 * difference)).reshape(COUNT, 12)
+    # 1e-7 balances truncation and round-off for positions of unit size.
+    numeric = derivative_by_differences(forces, x1, 1e-7)
     good = [
         np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-4 * abs(K[i]).max())
         for i in np.flatnonzero(rubs)
@@ -117,19 +113,8 @@ def forces_from(kind: int, pairs, x0: np.ndarray, x1: np.ndarray) -> np.ndarray:
 
 def sliding_pairs(kind: int, pairs, x0: np.ndarray) -> FrictionPairs:
     """Pairs with starts, whose directions are those of the program."""
-    geometry = BetweenBodies(pairs.kind)
-    is_triangle = kind == PointTriangle.number
-    return FrictionPairs(
-        pairs=pairs,
-        law=ContactLaw.BARRIER,
-        side_weights=np.tile([1.0, 0, 0, 0] if is_triangle else [1.0, 1, 0, 0], (COUNT, 1)),
-        geometry=geometry,
-        start=geometry.at(x0[pairs.points], parameters_at_start(pairs)),
-        points=pairs.points,
-        point_weights=np.broadcast_to(np.eye(4), (COUNT, 4, 4)),
-        coefficient=np.full(COUNT, COEFFICIENT),
-        block_rows=pairs.points.astype(np.int64),
-    )
+    start = BetweenBodies(pairs.kind).at(x0[pairs.points], parameters_at_start(pairs))
+    return pairs_with_start(kind, pairs, start)
 
 
 @pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])

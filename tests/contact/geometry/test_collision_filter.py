@@ -17,22 +17,9 @@ from tests.contact.scenes import (
     assert_conserved,
     contact_set_of,
     count_intersections,
+    leaf,
     simulate,
 )
-
-
-def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
-    """A square film of 0.1 m on the y axis, turned about it, with a spin about it [rad/s]."""
-    c = math.cos(angle)
-    s = math.sin(angle)
-    return gx.Membrane(
-        sheet(comm, 4, n, 0.1, 0.1),
-        gx.Miyazaki(**FILM, residual_stiffness=1e-6),
-        name=name,
-        order=order,
-        displacement=lambda X: np.vstack([c * X[0], X[1], s * X[0] + shift]) - X,
-        velocity=lambda X: np.vstack([-s * spin * X[0], 0 * X[0], c * spin * X[0]]),
-    )
 
 
 @pytest.mark.mpi(1)
