@@ -73,7 +73,7 @@ def sheet(
     relative: float = 1e-10,
     tied: int = 0,
 ) -> Figures:
-    """The free sheet of `demos/spinning_sheet.py`; `tied`: cut in two, whose edges are tied."""
+    """The free sheet of the demo `spinning_sheet`; `tied`: cut in two, whose edges are tied."""
     watch = Stopwatch()
     law: FilmLaw = gx.Linear(**PLASTIC)
     if wrinkling:
@@ -100,7 +100,7 @@ def sheet(
 
 
 def tube(cells: int = 14, steps: int = 20, dt: float = 1e-4) -> Figures:
-    """The tube of `demos/inflate_tube.py`."""
+    """The tube of the demo `inflate_tube`."""
     watch = Stopwatch()
     run = inflate_tube.build(COMM, cells=cells, dt=dt).simulation()
     figures = watch.measure(run, steps * dt)
@@ -108,7 +108,7 @@ def tube(cells: int = 14, steps: int = 20, dt: float = 1e-4) -> Figures:
 
 
 def antenna(cells: int = 20, steps: int = 3, dt: float = 5e-3) -> Figures:
-    """The antenna of `demos/antenna_pendulum.py`, whose film multipliers tie to the booms."""
+    """The antenna of the demo `antenna_pendulum`, whose film multipliers tie to the booms."""
     watch = Stopwatch()
     run = antenna_pendulum.build(COMM, cells, 2 * cells, dt=dt).simulation()
     return watch.measure(run, steps * dt)

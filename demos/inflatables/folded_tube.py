@@ -22,8 +22,8 @@ Where the values come from:
     manufacturing        `SCATTER`, chosen; a `seed` draws the errors of one specimen, see
                          demos/common/manufacturing.py
 
-The picture has 2022 unknowns (`cells=8`, four minutes of CPU time); the demo has 582 and takes
-18 s.  The rings between its compartments open at 4.4 and 5.6 ms.
+The picture has 2022 unknowns (`cells=8`, three minutes of CPU time); the demo has 582 and takes
+16 s.  The rings between its compartments open at 4.4 and 5.6 ms.
 
     ./gossamer demo folded_tube
     ./gossamer run demos/inflatables/folded_tube.py cells=6 --output out/folded_tube

@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
-from demos.studies.engine.study import Study, search_figures
+from demos.studies.engine.study import NOT_STABLE, Study, search_figures
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.records.fields.film_states import AreaFractions
 
@@ -85,4 +85,5 @@ STUDY = Study(
     shows=("error", "wrinkled"),
     columns="m or V, error, u, σ1, taut, wrinkled, slack, iterations, residual, seconds",
     may_fail=True,  # Linear on the airbag
+    expected_warnings=NOT_STABLE,  # Miyazaki 1e-2 on the airbag
 )

@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Measure, Study
+from demos.studies.engine.study import NOT_STABLE, Measure, Study
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.disc import quarter_disc
 
@@ -98,4 +98,5 @@ STUDY = Study(
         Measure("V/a³", 1.218524216, 5e-3, quick_tolerance=0.05),
     ),
     quick={"law": ["Miyazaki 1e-6"], "level": [0]},
+    expected_warnings=NOT_STABLE,
 )

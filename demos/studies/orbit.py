@@ -19,9 +19,7 @@ The exact drifts are those of an eighth-order integration of the whole equations
 first order in J2, -3/2 n J2 (a_E/p)² cos i for the node, are some 0.4 % off.
 
 `energy` and `momentum` are the closing error of the ledger and the change of the angular momentum
-of the whole.  The ledger holds the motion about the centre of mass, 1 mJ of the dumbbell; the
-round-off of its spring's force (1e5 N/m times 20 m times 1e-16) along paths of metres is 1e-9 J a
-step of that, and 1e-17 of the energy of the orbit.
+of the whole.  The ledger holds the motion about the centre of mass, 1 mJ of the dumbbell.
 """
 
 from __future__ import annotations
@@ -41,6 +39,8 @@ from gossamer_fx.mechanics.orbit.harmonics import J2, MU, RADIUS
 
 # Semi-major axis [m] of all orbits: 620 km above the Earth.
 A = 7e6
+# Radius of the Earth [m] in orbits of e = 0.1, whose perigee is below the ground.
+CENTRE = 6e6
 # Mean motion [rad/s], and time of a revolution [s].
 RATE = math.sqrt(MU / A**3)
 REVOLUTION = 2 * math.pi / RATE
@@ -91,8 +91,7 @@ def problem(comm: MPI.Comm, scene: str, h: float) -> dict[str, float]:
 
 def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation, float]:
     """Ten revolutions of a rigid or a flexible body, and how far it is from where it should be."""
-    # The perigee is within the Earth, which is a point here.
-    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1), radius=6e6)
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1), radius=CENTRE)
     # Three different moments of inertia: the body tumbles.
     tumbling = gx.RigidBody(
         20.0,
@@ -206,7 +205,7 @@ def _flight(
 ) -> tuple[gx.Simulation, float]:
     """A flight of a point mass, and the slope [rad/s] of an angle of its orbit over the times
     [s]."""
-    orbit = gx.orbit.Orbit(elements, gravity=gravity)
+    orbit = gx.orbit.Orbit(elements, gravity=gravity, radius=CENTRE)
     scene = gx.Scene(gx.PointMass(20.0, comm=comm), orbit)
     run = gx.Simulation(scene, gx.Midpoint(dt=h))
     probe = gx.probes.OrbitState(orbit, angle)

@@ -86,6 +86,13 @@ def test_a_case_of_the_study_of_orbits(scene: str, comm: MPI.Intracomm) -> None:
     assert result["momentum"] < 1e-12
 
 
+def test_oblateness_turns_a_perigee_below_the_ground(comm: MPI.Intracomm) -> None:
+    result = orbit.problem(comm, "polar", 60.0)
+    # Of second order in the step: 3e-4 with steps of 15 s
+    assert result["result/exact"] == pytest.approx(1.0, abs=6e-3)
+    assert result["energy"] < 1e-14
+
+
 def test_a_sail_cools_shrinks_and_pulls_in_an_eclipse(folder: Path) -> None:
     result = sail_eclipse.main(cells=5, dt=20.0, until=3600.0, output=folder)
     lit = result["mean temperature before the eclipse [K]"]

@@ -74,6 +74,19 @@ def test_the_summary_tells_the_largest_errors_and_the_spread_of_orders(comm, fol
     assert row == ["toy", "y", "0.062; 1.0 to 2.0", "", "0.008"]
 
 
+def test_a_result_without_numbers_is_not_in_the_summary_and_picture(comm, folder):
+    def given_up(comm, order, cells):
+        figures = problem(comm, order, cells)
+        return dict.fromkeys(figures, math.nan) if (order, cells) == (2, 8) else figures
+
+    study = dataclasses.replace(STUDY, problem=given_up)
+    results = run(study, folder, comm)
+    [row] = study.summary(results)
+    assert row == ["toy", "y", "0.062; 1.0 to 2.0", "", "0.004 to 0.008"]
+    # The comparison of that case still falls short.
+    assert "y, order 2, cells 8: error nan > 0.1" in shortfalls(study, comm, results)
+
+
 def test_a_finer_case_is_the_last_of_its_curve_and_is_judged(comm, folder):
     demanding = dataclasses.replace(
         STUDY,

@@ -257,7 +257,7 @@ class Study:
         """For every measure what the finest cases of each element leave, and the orders."""
         groups: dict[str, list[list[Result]]] = {}
         for name, curve in self.curves(results).items():
-            done = [result for result in curve if not result.failed]
+            done = _computed(curve)
             # A study of bodies that have one element only counts as one of P1.
             element = "P2" if "P2" in name else "P1"
             if done:
@@ -285,7 +285,7 @@ class Study:
         for measure in self.measures:
             curves = rows.setdefault(f"relative error of {measure.name}", [])
             for name, curve in self.curves(results).items():
-                done = [result for result in curve if not result.failed]
+                done = _computed(curve)
                 label = ", ".join(map(str, name)) or self.name
                 if len(done) > 1:
                     overall = self.order(measure, done[0], done[-1])
@@ -305,6 +305,11 @@ class Study:
 
 
 SUMMARY_HEAD = ["study", "measure", "largest error; order", "the same with P2", "CPU time [s]"]
+
+
+def _computed(curve: list[Result]) -> list[Result]:
+    """The results of a curve that have numbers: a step that fails may be a result without."""
+    return [result for result in curve if not result.failed and result.numbers]
 
 
 def _span(values: list[float], form: str) -> str:

@@ -27,8 +27,8 @@ of tension only.  This tangent bounds that of the energy from above, so that the
 but goes down in energy.  If it helps, the following pseudo-steps use it from the start
 (`_TensionOnly`).
 
-Cost.  A spinning film takes 5 pseudo-steps of one iteration each, a clamped plate under pressure 15
-with 36 iterations in all; plates that wrinkle take many more.
+Cost.  A spinning film takes 7 pseudo-steps of one iteration each, a clamped plate under pressure 5
+to 7 with 8 to 11 iterations in all; plates that wrinkle take many more.
 
 Progress.  A search of more than three seconds writes lines on the standard error
 (`SearchProgress`). SIGINT (Ctrl-C) and SIGTERM end it after the present pseudo-step, whose state

@@ -75,7 +75,7 @@ class NeoHooke(FilmLaw):
         thickness: t [m] of the stress-free film, positive.
         residual_stiffness: share, between 0 and 1, of the stiffness of small strain that also
             resists compression, so that slack film has a stiffness at all.  At an equibiaxial
-            stretch λ it adds 3 λ² times this share to the stress.
+            stretch λ it adds about 3 (λ² - 1) times this share to the stress.
 
     Raises:
         InputError: a number out of its range.

@@ -85,15 +85,15 @@ NO_COEFFICIENT = 1e-12
 # factorisation: that of beams or hubs alone has little fill.
 MIN_FILM_SHARE = 0.5
 
-# Unknowns from which frames are condensed.  With 47 thousand a step of a taut film between beams
-# takes 1.4 s of CPU time on one rank and 0.9 s on two, with all factorised 1.9 and 1.2 s.
+# Unknowns from which frames are condensed.  With 49 thousand a step of a taut film between two
+# beams takes 0.94 s of CPU time and 2.5 Krylov iterations for one of Newton's, with all factorised
+# 1.63 s.
 MIN_UNKNOWNS_WITH_FRAMES = 40_000
 
 # Krylov iterations after which a factorisation costs less than more of them: with frames 5 for 47
 # thousand unknowns of an antenna, 9 for 170 thousand.  In its almost slack film, solutions of a few
 # digits may also double Newton's iterations.  14 steps of the former take 0.97 of the time of
-# factorisations alone, with a limit of 8 they take 1.11.  Taut film between beams takes 2.4
-# iterations and 0.65 of the time.
+# factorisations alone, with a limit of 8 they take 1.11.
 MAX_ITERATIONS = 6
 
 # The same with neither frames nor contact.  Of a sheet of 46 thousand unknowns in two tied halves a

@@ -261,8 +261,8 @@ class ConvergenceTest:
 # An iteration has stalled if the least residual of its last iterates is above STALLED_RATIO of the
 # least one before them.  Slack film that switches its state from iterate to iterate leaves such
 # residuals, 1e-3 of the first one: a shorter step converges, this one does not. The last iterates
-# are STALLED_SHARE of those that the tolerances allow: a folded tube rejects 14 of 359 steps after
-# a fifth of them, and 2 of 329 after two fifths, in the same time.
+# are STALLED_SHARE of those that the tolerances allow: a folded tube rejects 3 of 316 steps after a
+# fifth of them, and 1 of 337 after two fifths, in the same time.
 # docs/performance.md counts the iterations that the rule saves.
 STALLED_SHARE = 0.4
 STALLED_RATIO = 0.7
