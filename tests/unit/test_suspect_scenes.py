@@ -211,6 +211,18 @@ def test_a_film_without_a_visible_load_is_not_called_a_plate(
     assert "or flat film by a prestress" in caplog.text
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize(("factor", "warns"), [(1.0, True), (0.3, False)])
+def test_positions_in_place_of_a_displacement_are_warned_of(
+    comm: MPI.Intracomm, factor: float, warns: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    name = f"stretched {factor}"
+    with caplog.at_level(logging.WARNING):
+        compiled(gx.Membrane(sheet(comm, 6, 6), LAW, displacement=lambda X: factor * X, name=name))
+    expected = f"displacement of '{name}' stretches it to 2 times its size"
+    assert (expected in caplog.text) == (warns and comm.rank == 0)
+
+
 CURVATURE = np.diag((0.5, 0.0, 0.0))
 COMPLEX = {
     "array": CURVATURE * (1 + 1e-3j),

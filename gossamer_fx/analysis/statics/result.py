@@ -189,7 +189,8 @@ def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
         LOG.warning(
             "The equilibrium is not stable: its stiffness has %d negative eigenvalue%s, "
             "as in a balloon beyond its largest pressure or in film under compression; "
-            "disturb the first guess to find another one, or follow it by gx.analysis.path.",
+            "disturb the first guess to find another one, load in smaller steps, or follow it by "
+            "gx.analysis.path.",
             result.unstable,
             "s" if result.unstable > 1 else "",
         )
