@@ -64,7 +64,7 @@ _USUAL = {
 # Largest initial strain that rubber has.
 _STRAIN = 1.0
 
-# Mean stretch of a film by an initial displacement that is probably one.  Positions in its place
+# Mean stretch of a film by an initial displacement that is probably one.  Positions instead of it
 # give two.
 _STRETCH = 1.5
 
