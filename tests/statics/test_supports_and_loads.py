@@ -10,7 +10,7 @@ from dolfinx.mesh import locate_entities
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import crossed_sheet, sheet
-from tests.small_scenes import at_rest, run_until
+from tests.small_scenes import at_rest, run_until, three_sheets
 
 E = 1e9
 THICKNESS = 1e-4
@@ -91,6 +91,16 @@ def test_a_load_on_edges_inside_the_film_counts(comm):
     assert total == pytest.approx([-30.0, 0, 0], abs=1e-5)
     with pytest.raises(gx.InputError, match=r"no normal"):
         gx.loads.EdgeLoad(film, "middle", normal_force=1.0)
+
+
+def test_a_load_on_a_seam_of_three_sheets_counts_once():
+    film = gx.Membrane(three_sheets(), LAW, order=2)
+    held = gx.Fixed(film, "seam")
+    equilibrium = at_rest(film, held, gx.loads.EdgeLoad(film, "seam", force=(30.0, 0.0, 20.0)))
+    force, moment = equilibrium.reaction(held)
+    # The seam is 1 m long, from the origin along x.
+    assert force == pytest.approx([-30.0, 0.0, -20.0], abs=1e-9)
+    assert moment == pytest.approx([0.0, 10.0, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize(

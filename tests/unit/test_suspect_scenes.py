@@ -22,7 +22,7 @@ from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleBoundary, 
 from gossamer_fx.mechanics.gas.enclosure import label_components
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.line import line
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.meshes.tube import flat_tube
 from tests.small_scenes import at_rest
 
@@ -195,6 +195,32 @@ def test_a_plate_whose_bending_is_below_round_off_is_warned_of(
     assert abs(stiffness) > 100
     assert "bending forces are less than the round-off of its membrane forces" in caplog.text
     assert "The equilibrium does not show the loads" in caplog.text
+
+
+def test_a_film_without_a_visible_load_is_not_called_a_plate(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    sail = film(MPI.COMM_SELF)
+    edges = [gx.Fixed(sail, edge) for edge in EDGES]
+    with caplog.at_level(logging.WARNING):
+        at_rest(sail, *edges, gx.Gravity(sail, (0.0, 0.0, -1e-13)))
+    assert "The equilibrium does not show the loads" in caplog.text
+    assert "units of the loads" in caplog.text
+    assert "plate" not in caplog.text
+    # Its edges are fixed already; what resists is tension.
+    assert "or flat film by a prestress" in caplog.text
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("factor", "warns"), [(1.0, True), (0.3, False)])
+def test_positions_in_place_of_a_displacement_are_warned_of(
+    comm: MPI.Intracomm, factor: float, warns: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    name = f"stretched {factor}"
+    with caplog.at_level(logging.WARNING):
+        compiled(gx.Membrane(sheet(comm, 6, 6), LAW, displacement=lambda X: factor * X, name=name))
+    expected = f"displacement of '{name}' stretches it to 2 times its size"
+    assert (expected in caplog.text) == (warns and comm.rank == 0)
 
 
 CURVATURE = np.diag((0.5, 0.0, 0.0))

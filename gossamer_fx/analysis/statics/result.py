@@ -20,6 +20,7 @@ from gossamer_fx.analysis.vibration.spectrum import (
     is_symmetric,
 )
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.mechanics.bodies.plate import Plate
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.totals import Totals
 
@@ -141,14 +142,17 @@ def warn_of_lost_loads(search: Search) -> None:
     the cube of its thickness, and round-off is that of its membrane forces."""
     load = float(search.system.load_forces().norm())
     round_off = search.newton.round_off
+    remedy = "look at the units of the loads."
+    if any(isinstance(body, Plate) for body in search.system.bodies):
+        remedy = "a plate this thin needs cells of aspect near one, or is a Membrane."
     if 0 < load < LOST_LOAD * round_off and search.comm.rank == 0:
         LOG.warning(
             "The equilibrium does not show the loads: "
             "their %.1e N are far below the round-off of the inner forces, "
-            "%.1e N, so that displacements may be too small by any factor; "
-            "a plate this thin needs cells of aspect near one, or is a Membrane.",
+            "%.1e N, so that displacements may be too small by any factor; %s",
             load,
             round_off,
+            remedy,
         )
 
 
@@ -171,7 +175,7 @@ def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
     if result.free:
         LOG.warning(
             "The equilibrium is not unique: nothing resists %s; "
-            "hold it by gx.Fixed if it must not move.",
+            "hold it by gx.Fixed, or flat film by a prestress, if it must not move.",
             listed(result.free),
         )
     elif not result.regular:
@@ -185,7 +189,8 @@ def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
         LOG.warning(
             "The equilibrium is not stable: its stiffness has %d negative eigenvalue%s, "
             "as in a balloon beyond its largest pressure or in film under compression; "
-            "disturb the first guess to find another one, or follow it by gx.analysis.path.",
+            "disturb the first guess to find another one, load in smaller steps, or follow it by "
+            "gx.analysis.path.",
             result.unstable,
             "s" if result.unstable > 1 else "",
         )

@@ -103,6 +103,8 @@ def _numbers(
             values = found
         else:
             problem = f"it returns {_shown(result)}; it must return {wanted}."
+            if found is not None and found.shape == shape and np.isnan(found).any():
+                problem = f"it returns nan in {_shown(result)}; it must return {wanted}."
             if found is not None and np.isfinite(found).all() and not _is_below_limit(found):
                 problem = f"it returns {_shown(result)}; it must return numbers up to {LARGEST:g}."
     return problem, cause, values

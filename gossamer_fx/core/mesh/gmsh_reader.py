@@ -107,7 +107,10 @@ def extract(model: Any) -> RawMesh:
     # d is the dimension of an entity of the geometry: 0 to 3.
     meshed = [d for d, _ in model.getEntities() if model.mesh.getElements(d)[0].size]
     dim = max(meshed, default=0)
-    _check(dim in (1, 2), "The mesh has no triangles or line elements; mesh a surface or a curve.")
+    _check(dim > 0, "The mesh has no triangles or line elements; mesh a surface or a curve.")
+    _check(
+        dim < 3, "The mesh fills a volume; mesh surfaces or curves only, e.g. by mesh.generate(2)."
+    )
     kind, order = _kind_and_order(model, dim)
 
     cells = _cells(model, dim)

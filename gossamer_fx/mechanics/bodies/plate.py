@@ -101,7 +101,7 @@ class Plate(Membrane):
 
     Raises:
         InputError: a mesh of order 1 that is curved, a group that is not a line of interior edges,
-            a rest curvature out of the plane.
+            a rest curvature out of the plane, a law without bending stiffness such as `NeoHooke`.
 
     Example:
         >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
@@ -134,6 +134,11 @@ class Plate(Membrane):
             f"Plate '{name}': order is {order!r}; "
             "use 2 (of order 1 the curvature is zero in every cell, and the angles "
             "between cells alone give a stiffness that depends on the pattern of the mesh).",
+        )
+        check(
+            type(law).bending_stiffness is not FilmLaw.bending_stiffness,
+            f"Plate '{name}': {type(law).__name__} has no bending stiffness; give a law of small "
+            "strain such as Linear, or make it a Membrane.",
         )
         given = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = given.domain

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
 import ufl
 from dolfinx import fem
 
@@ -14,7 +15,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
-from gossamer_fx.core.model.body import Indices, Vector
+from gossamer_fx.core.model.body import Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane, edge_measure
@@ -71,16 +72,12 @@ class EdgeLoad(OnBody):
             "space, so leave following out.",
         )
         # The normal of an edge in its sheet is defined on the rim only.
-        most_sheets = 2
-        if self.normal_force is not None:
-            most_sheets = 1
-        sheets = film.mesh.edges.count[edges]
         check_on_all(
             film.comm,
-            bool((sheets <= most_sheets).all()),
-            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where several sheets "
-            "meet, or inside the film where a load has no normal; name edges of the rim, or give a "
-            "force in space.",
+            self.normal_force is None or bool(film.mesh.edges.is_boundary[edges].all()),
+            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where sheets meet, or "
+            "inside the film where a load has no normal; name edges of the rim, or give a force in "
+            "space.",
         )
         if not self.name:
             object.__setattr__(self, "name", f"{film.name}/{self.edges} load")
@@ -91,30 +88,30 @@ class EdgeLoad(OnBody):
         else:
             yield self._across()
 
-    def _measures(self) -> tuple[ufl.Measure | None, ufl.Measure | None]:
-        """Measures ds of the edges on the rim, and dS of those inside, each None where no rank has
-        such edges.  Collective."""
+    def _along(self) -> ufl.Measure:
+        """The measure of the edges, each seen from one of its triangles, for loads of the order of
+        the film.  Positions are continuous, so that any triangle will do, also where several sheets
+        meet."""
         film = self.body
+        table = film.mesh.edges
         edges = film.mesh.curve(self.edges, "EdgeLoad")
-        is_on_rim = film.mesh.edges.is_boundary[edges]
-        ds = self._measure("ds", edges[is_on_rim])
-        dS = self._measure("dS", edges[~is_on_rim])
-        return ds, dS
-
-    def _measure(self, kind: str, edges: Indices) -> ufl.Measure | None:
-        """The measure of some edges (n,), exact for a constant force, or None if no rank has any.
-        Collective."""
-        film = self.body
-        if film.comm.allreduce(len(edges)) == 0:
-            return None
-        # Exact for a constant force: test functions have the order of the film.
-        return edge_measure(film, kind, edges, degree=film.order)
+        edges = edges[edges < table.owned]
+        column = np.where(table.cells[edges, 0] >= 0, 0, 1)
+        facets = np.stack([table.cells[edges, column], table.sides[edges, column]], axis=1)
+        return ufl.Measure(
+            "ds",
+            film.mesh.domain,
+            subdomain_data=[(1, facets.ravel().astype(np.int32))],
+            subdomain_id=1,
+            # Exact for a constant force: test functions have the order of the film.
+            metadata={"quadrature_degree": film.order},
+        )
 
     def _in_space(self) -> Term:
         """The load of a force f [N/m] in space: δW = ∫f·w ds.  Collective."""
         force = self.force
         name = self.name
-        ds, dS = self._measures()
+        ds = self._along()
         given: tuple[float, ...] = (0.0, 0.0, 0.0)
         if force is not None and not callable(force):
             given = tuple(float(component) for component in force)
@@ -123,13 +120,7 @@ class EdgeLoad(OnBody):
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             """δW [J] along test functions w."""
-            parts = []
-            if ds is not None:
-                parts.append(ufl.dot(f, w) * ds)
-            # Test functions are continuous: the mean of both sides is the value on the edge.
-            if dS is not None:
-                parts.append(ufl.dot(f, ufl.avg(w)) * dS)
-            return sum(parts[1:], parts[0])
+            return ufl.dot(f, w) * ds
 
         if callable(force):
             at = in_time(self.body.comm, f"'{name}'", force, f)
@@ -141,7 +132,7 @@ class EdgeLoad(OnBody):
         Collective."""
         film = self.body
         value = self.normal_force
-        ds, _ = self._measures()
+        ds = self._along()
         given = 0.0
         if value is not None and not callable(value):
             given = float(value)

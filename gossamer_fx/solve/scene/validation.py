@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import edges_of
 from gossamer_fx.core.mesh.quality import (
     NO_SIZE,
@@ -28,7 +29,9 @@ from gossamer_fx.core.mesh.quality import (
     turned_inside,
 )
 from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh
+from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Meshed
+from gossamer_fx.mechanics.materials.rubber import MooneyRivlin, NeoHooke
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -61,6 +64,10 @@ _USUAL = {
 # Largest initial strain that rubber has.
 _STRAIN = 1.0
 
+# Mean stretch of a film by an initial displacement that is probably one.  Positions instead of it
+# give two.
+_STRETCH = 1.5
+
 # Smallest and largest extent [m] of a mesh that is probably in metres.
 _EXTENT = (1e-4, 1e5)
 
@@ -84,6 +91,7 @@ def warnings(items: list[Any]) -> Iterator[str]:
         if is_body(item) and is_on_mesh(item):
             yield from _of_mesh(item)
             yield from _of_strain(item)
+            yield from _of_displacement(item)
         for holder in (item, getattr(item, "law", None)):
             yield from _of_numbers(item.name, holder)
         if hasattr(item, "warnings"):
@@ -195,4 +203,26 @@ def _of_strain(body: MeshBody) -> Iterator[str]:
         yield (
             f"'{body.name}': initial_strain = {largest:g} is unusual, up to {_STRAIN:g} is not; "
             "it is a ratio of lengths."
+        )
+
+
+def _of_displacement(body: MeshBody) -> Iterator[str]:
+    """Warnings about an initial displacement of a film, not of rubber, that is probably the
+    position of the points.  Collective."""
+    if not isinstance(body, Membrane) or isinstance(body.law, NeoHooke | MooneyRivlin):
+        return
+    start = body.initial_state()[0].reshape(-1, 3)
+    mesh = body.space.tabulate_dof_coordinates()
+    corners = cell_nodes(body.space)[:, :3]
+    # Ghost nodes have no start; a mean needs no cells that have some.
+    corners = corners[(corners < len(start)).all(axis=1)]
+    lengths = []
+    for points in (start, mesh):
+        sides = points[corners] - points[np.roll(corners, 1, axis=1)]
+        lengths.append(np.linalg.norm(sides, axis=2).sum())
+    deformed, own = body.comm.allreduce(np.array(lengths)).tolist()
+    if deformed > _STRETCH * own:
+        yield (
+            f"The initial displacement of '{body.name}' stretches it to {deformed / own:.2g} times "
+            "its size; a displacement is the new position less that on the mesh."
         )
