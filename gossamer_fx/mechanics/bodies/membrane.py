@@ -16,6 +16,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import geometry_element
 from gossamer_fx.core.forms.kinematics import (
     Expr,
+    area_vector,
     cell_axes,
     green_lagrange,
     surface_gradient,
@@ -224,6 +225,7 @@ class Membrane(Meshed):
         # A law that wrinkles has tensile stresses only.  Of another law the compressive part makes
         # the geometric stiffness indefinite; the iteration may leave it out.
         pulling = tension if self.law.quadratic else None
+        keeps_side = self.law.resists_loss_of_area
         yield stored_energy(
             self,
             numbers,
@@ -231,7 +233,12 @@ class Membrane(Meshed):
             pieces=self.pieces,
             pulling=pulling,
             c_law=self.law.c_law(self.constants, self.comm),
+            area_vector=self._area_vector if keeps_side else None,
         )
+
+    def _area_vector(self, x: Expr) -> Expr:
+        """Normal (3,) of the film at the positions x, times its area per unit reference area."""
+        return area_vector(self.deformation(x))
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:

@@ -122,12 +122,15 @@ class FilmLaw:
         thickness: thickness [m].
         quadratic: whether the energy is quadratic in the strain.  The stress at the middle of a
             path is then its average.
+        resists_loss_of_area: whether the energy of film without area is infinite, so that no cell
+            can turn over.  Steps in which one has turned over are refused.
     """
 
     density: Annotated[float, positive("kg/m³")]
     thickness: Annotated[float, positive("m")]
 
     quadratic = False
+    resists_loss_of_area = False
 
     def __post_init__(self) -> None:
         # Of laws of your own, too, which need not check their arguments.

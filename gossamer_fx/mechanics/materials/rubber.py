@@ -155,6 +155,8 @@ class MooneyRivlin(FilmLaw):
     C1: ShearModulus
     C2: Annotated[float, not_negative("Pa")]
 
+    resists_loss_of_area = True
+
     def energy(self, e: Expr, c: Any) -> Expr:
         return c.thickness * (c.C1 * _first_invariant(e) + c.C2 * _second_invariant(e))
 

@@ -186,6 +186,14 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
                 force.respond()
         return [forms.tangent for forms in self._forms if forms.body is body]
 
+    def inadmissible(self) -> str:
+        for force in self._stored:
+            if force.term.area_vector is None:
+                continue
+            if self._system.comm.allreduce(force.overturned_area()) > 0:
+                return f"cells of '{force.term.body.name}' have turned over"
+        return ""
+
     def dissipated(self) -> Array:
         return np.array([force.dissipated() for force in self._viscous])
 
@@ -235,7 +243,8 @@ class StoredEnergy:
     `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a
     stress of which the geometric stiffness is positive; `c_law` computes stresses in place of
     derivatives of `density`; `thermal` is subtracted from the measure; `parameters` are
-    coefficients of the density and of the thermal strain.
+    coefficients of the density and of the thermal strain; `area_vector` of a film at q, if the film
+    must not turn over within a step.
     """
 
     name: str
@@ -250,6 +259,7 @@ class StoredEnergy:
     c_law: CLaw | None = None
     thermal: ThermalStrain | None = None
     parameters: tuple[Parameter, ...] = ()
+    area_vector: Callable[[Expr], Expr] | None = None
     compiler: ClassVar[Compiler] = ElementEnergies
 
 
@@ -409,6 +419,10 @@ class StoredForces(ElementForces):
         self._set_strain_of_end: Callable[[], None] | None = None
         if rule.takes_mid_strain:
             self._set_strain_of_end = self._evaluated(self._strain_at_end(), self.strain_at_start)
+        if term.area_vector is not None:
+            turn = ufl.inner(term.area_vector(at.q0), term.area_vector(at.q1))
+            is_over = ufl.conditional(ufl.lt(turn, 0.0), 1.0, 0.0)
+            self._overturned = compile_form(is_over * term.dx)
         linear_strain = self.strain_variable if self._law is None else self._linear_strain
         self._set_linear_strain = self._evaluated(_linearised(term, e, at), linear_strain)
 
@@ -473,6 +487,11 @@ class StoredForces(ElementForces):
         self._energy = compile_form(density * term.dx)
 
     # ---- the course of a step --------------------------------------------------------------------
+
+    def overturned_area(self) -> float:
+        """Undeformed area [m²] of this rank's film whose other side the step shows, for terms with
+        an `area_vector`."""
+        return float(fem.assemble_scalar(self._overturned))
 
     def begin_step(self, end: float) -> None:
         """Start a step that ends at the time `end` [s], with the thermal strain there."""
