@@ -240,5 +240,9 @@ STUDY = Study(
     shows=("error", "frequency", "full/reduced"),
     limits={"energy": 1e-8},
     columns=COLUMNS,
-    may_fail=True,  # too few cells leave motions without stiffness
+    may_fail=True,
+    expected_warnings=dict.fromkeys(
+        ("The equilibrium is not regular", "The equilibrium is not stable", "modes:"),
+        "too few cells leave motions without stiffness, or with a negative one",
+    ),
 )
