@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
 from tests.sentences import assert_sentence
