@@ -211,6 +211,9 @@ def _of_displacement(body: MeshBody) -> Iterator[str]:
     position of the points.  Collective."""
     if not isinstance(body, Membrane) or isinstance(body.law, NeoHooke | MooneyRivlin):
         return
+    # The unknowns of a reduced film are no positions.
+    if body.full is not body:
+        return
     start = body.initial_state()[0].reshape(-1, 3)
     mesh = body.space.tabulate_dof_coordinates()
     corners = cell_nodes(body.space)[:, :3]
