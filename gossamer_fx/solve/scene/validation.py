@@ -211,7 +211,7 @@ def _of_displacement(body: MeshBody) -> Iterator[str]:
     position of the points.  Collective."""
     if not isinstance(body, Membrane) or isinstance(body.law, NeoHooke | MooneyRivlin):
         return
-    # The unknowns of a reduced film are no positions.
+    # The unknowns of a reduced film are coefficients of its modes.
     if body.full is not body:
         return
     start = body.initial_state()[0].reshape(-1, 3)
