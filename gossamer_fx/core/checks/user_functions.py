@@ -103,8 +103,6 @@ def _numbers(
             values = found
         else:
             problem = f"it returns {_shown(result)}; it must return {wanted}."
-            if found is not None and found.shape == shape and np.isnan(found).any():
-                problem = f"it returns nan in {_shown(result)}; it must return {wanted}."
             if found is not None and np.isfinite(found).all() and not _is_below_limit(found):
                 problem = f"it returns {_shown(result)}; it must return numbers up to {LARGEST:g}."
     return problem, cause, values
@@ -133,7 +131,8 @@ def _shown(value: Any) -> str:
     """Text of a value for an error message: short, on one line, without addresses.  A long value is
     named by its class, an array of more than three numbers by its shape."""
     if isinstance(value, np.ndarray) and value.size > 3:
-        return f"an array {value.shape}"
+        has_nan = value.dtype.kind == "f" and bool(np.isnan(value).any())
+        return f"nan in an array {value.shape}" if has_nan else f"an array {value.shape}"
     plain = value
     if isinstance(value, np.ndarray | np.generic):
         plain = value.tolist()
