@@ -39,8 +39,8 @@ from gossamer_fx.mechanics.orbit.harmonics import J2, MU, RADIUS
 
 # Semi-major axis [m] of all orbits: 620 km above the Earth.
 A = 7e6
-# Radius of the Earth [m] in orbits of e = 0.1, whose perigee is below the ground.
-CENTRE = 6e6
+# Radius [m] that the Earth is given: with its own the perigees of e = 0.1 are below the ground.
+EARTH_RADIUS = 6e6
 # Mean motion [rad/s], and time of a revolution [s].
 RATE = math.sqrt(MU / A**3)
 REVOLUTION = 2 * math.pi / RATE
@@ -91,7 +91,7 @@ def problem(comm: MPI.Comm, scene: str, h: float) -> dict[str, float]:
 
 def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation, float]:
     """Ten revolutions of a rigid or a flexible body, and how far it is from where it should be."""
-    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1), radius=CENTRE)
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1), radius=EARTH_RADIUS)
     # Three different moments of inertia: the body tumbles.
     tumbling = gx.RigidBody(
         20.0,
@@ -205,7 +205,7 @@ def _flight(
 ) -> tuple[gx.Simulation, float]:
     """A flight of a point mass, and the slope [rad/s] of an angle of its orbit over the times
     [s]."""
-    orbit = gx.orbit.Orbit(elements, gravity=gravity, radius=CENTRE)
+    orbit = gx.orbit.Orbit(elements, gravity=gravity, radius=EARTH_RADIUS)
     scene = gx.Scene(gx.PointMass(20.0, comm=comm), orbit)
     run = gx.Simulation(scene, gx.Midpoint(dt=h))
     probe = gx.probes.OrbitState(orbit, angle)

@@ -20,7 +20,6 @@ from gossamer_fx.analysis.vibration.spectrum import (
     is_symmetric,
 )
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.mechanics.bodies.plate import Plate
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.totals import Totals
 
@@ -142,10 +141,13 @@ def warn_of_lost_loads(search: Search) -> None:
     the cube of its thickness, and round-off is that of its membrane forces."""
     load = float(search.system.load_forces().norm())
     round_off = search.newton.round_off
-    remedy = "look at the units of the loads."
-    if any(isinstance(body, Plate) for body in search.system.bodies):
-        remedy = "a plate this thin needs cells of aspect near one, or is a Membrane."
     if 0 < load < LOST_LOAD * round_off and search.comm.rank == 0:
+        # Imported here, as scenes without plates must not pay for it.
+        from gossamer_fx.mechanics.bodies.plate import Plate
+
+        remedy = "look at the units of the loads."
+        if any(isinstance(body, Plate) for body in search.system.bodies):
+            remedy = "a plate this thin needs cells of aspect near one, or is a Membrane."
         LOG.warning(
             "The equilibrium does not show the loads: "
             "their %.1e N are far below the round-off of the inner forces, "

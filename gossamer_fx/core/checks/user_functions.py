@@ -129,7 +129,7 @@ def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
 
 def _shown(value: Any) -> str:
     """Text of a value for an error message: short, on one line, without addresses.  A long value is
-    named by its class, an array of more than three numbers by its shape."""
+    named by its class, an array of more than three numbers by its shape and any nan."""
     if isinstance(value, np.ndarray) and value.size > 3:
         has_nan = value.dtype.kind == "f" and bool(np.isnan(value).any())
         return f"nan in an array {value.shape}" if has_nan else f"an array {value.shape}"

@@ -225,7 +225,6 @@ class Membrane(Meshed):
         # A law that wrinkles has tensile stresses only.  Of another law the compressive part makes
         # the geometric stiffness indefinite; the iteration may leave it out.
         pulling = tension if self.law.quadratic else None
-        keeps_side = self.law.resists_loss_of_area
         yield stored_energy(
             self,
             numbers,
@@ -233,7 +232,7 @@ class Membrane(Meshed):
             pieces=self.pieces,
             pulling=pulling,
             c_law=self.law.c_law(self.constants, self.comm),
-            area_vector=self._area_vector if keeps_side else None,
+            area_vector=self._area_vector if self.law.resists_loss_of_area else None,
         )
 
     def _area_vector(self, x: Expr) -> Expr:

@@ -31,7 +31,6 @@ from gossamer_fx.core.mesh.quality import (
 from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Meshed
-from gossamer_fx.mechanics.materials.rubber import MooneyRivlin, NeoHooke
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -209,10 +208,8 @@ def _of_strain(body: MeshBody) -> Iterator[str]:
 def _of_displacement(body: MeshBody) -> Iterator[str]:
     """Warnings about an initial displacement of a film, not of rubber, that is probably the
     position of the points.  Collective."""
-    if not isinstance(body, Membrane) or isinstance(body.law, NeoHooke | MooneyRivlin):
-        return
     # The unknowns of a reduced film are coefficients of its modes.
-    if body.full is not body:
+    if not isinstance(body, Membrane) or body.full is not body:
         return
     start = body.initial_state()[0].reshape(-1, 3)
     mesh = body.space.tabulate_dof_coordinates()
@@ -224,7 +221,12 @@ def _of_displacement(body: MeshBody) -> Iterator[str]:
         sides = points[corners] - points[np.roll(corners, 1, axis=1)]
         lengths.append(np.linalg.norm(sides, axis=2).sum())
     deformed, own = body.comm.allreduce(np.array(lengths)).tolist()
-    if deformed > _STRETCH * own:
+    if deformed <= _STRETCH * own:
+        return
+    # Imported here, as scenes without rubber must not pay for it.
+    from gossamer_fx.mechanics.materials.rubber import MooneyRivlin, NeoHooke
+
+    if not isinstance(body.law, NeoHooke | MooneyRivlin):
         yield (
             f"The initial displacement of '{body.name}' stretches it to {deformed / own:.2g} times "
             "its size; a displacement is the new position less that on the mesh."

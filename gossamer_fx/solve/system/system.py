@@ -890,7 +890,11 @@ class System:
             own += self._body_sums(squares)
         # Forces of gas may act on any body.
         of_scalars = sum([scalars.force_square() for scalars in self.scalar_unknowns])
-        norms = np.sqrt(self.comm.allreduce(np.array(own) + of_scalars))
+        own_squares = np.array(own) + of_scalars
+        # With contact this is asked in each iteration, and one rank has nothing to send.
+        if self.comm.size > 1:
+            own_squares = self.comm.allreduce(own_squares)
+        norms = np.sqrt(own_squares)
         return float(norms[0]), norms[1:]
 
     def body_imbalances(self, r: PETSc.Vec) -> Array:
