@@ -54,7 +54,7 @@ def bars_on_stiff_gas(comm, process):
 
 
 def octahedron(comm):
-    """Eight triangles between points on the axes, each point a group of its own."""
+    """Eight triangles between points on the axes, each point is a group."""
     axes = np.eye(3)
     points = np.vstack([axes, -axes])
     triangles = []
@@ -113,7 +113,7 @@ def dome(comm, process):
 @pytest.mark.parametrize("scene", [bars_on_a_piston, bars_on_stiff_gas, balloon, dome])
 def test_paths_with_gas_do_not_depend_on_their_steps(comm, scene, process):
     """Limit and branch points are the same for every first step, and a point is unstable where the
-    load falls: by differences of the path itself, beside which no limit point lies."""
+    load falls: by differences of the path itself, next to which no limit point lies."""
     events = []
     for first in FIRST_STEPS:
         equilibrium, probe, until = scene(comm, process)
