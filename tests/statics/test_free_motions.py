@@ -52,19 +52,19 @@ def test_what_depends_on_a_free_motion_is_refused_by_its_name(comm):
         comm, False, lambda _, port: gx.loads.Force(port, (0.0, 0.0, 0.0), name="push")
     )
     height = gx.probes.Position(top, "z")
-    with pytest.raises(gx.InputError, match="Position is not determined .* resists translation x"):
+    with pytest.raises(gx.InputError, match=r"Position is not determined .* resists translation x"):
         gx.analysis.gradient(equilibrium, of=height, by=["pressure.pressure"])
-    with pytest.raises(gx.InputError, match="stiffness of the point is not .* translation x"):
+    with pytest.raises(gx.InputError, match=r"stiffness of the point is not .* translation x"):
         gx.analysis.point_stiffness(equilibrium, top)
     # Nothing balances such a force.
-    with pytest.raises(gx.InputError, match="'push.force' leaves the scene without equilibrium"):
+    with pytest.raises(gx.InputError, match=r"'push\.force' leaves the scene without equilibrium"):
         gx.analysis.gradient(equilibrium, of=gx.analysis.Energy(), by=["push.force"])
 
 
 def test_a_rigid_motion_has_no_frequency(comm):
     equilibrium, _, _ = inflated(comm, False)
     frequency = gx.analysis.Frequency(equilibrium)
-    with pytest.raises(gx.InputError, match="mode 0 has .* zero within round-off"):
+    with pytest.raises(gx.InputError, match=r"mode 0 has .* zero within round-off"):
         gx.analysis.gradient(equilibrium, of=frequency, by=["film.thickness"])
 
 
@@ -86,4 +86,3 @@ def test_gas_alone_holds_a_piston(comm, process, exponent):
     gas = equilibrium.chamber("chamber")
     stiffness = gx.analysis.point_stiffness(equilibrium, mass.port(), direction=(1.0, 0.0, 0.0))
     assert stiffness == pytest.approx(exponent * gas.pressure * 0.01**2 / gas.volume, rel=1e-9)
-

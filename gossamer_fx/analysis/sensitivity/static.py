@@ -204,7 +204,9 @@ class StaticGradients(StaticAdjoint):
         resists, of which a vector is given.  Collective."""
         pushes = self._residual_changes(null_vector)
         # The same numbers with random signs: the size of what balances.
-        signs = np.random.default_rng(self._system.comm.rank).choice((-1.0, 1.0), self._λ.local_size)
+        signs = np.random.default_rng(self._system.comm.rank).choice(
+            (-1.0, 1.0), self._λ.local_size
+        )
         null_vector.array[:] *= signs
         sizes = self._residual_changes(null_vector)
         for variable, push, size in zip(self.variables, pushes, sizes, strict=True):
@@ -246,9 +248,7 @@ class StaticGradients(StaticAdjoint):
             if isinstance(objective, Energy) and isinstance(variable, PointVariable):
                 variable.sum += variable.energy_derivative()
         value = objective(self._equilibrium)
-        return collected(
-            value, objective.unit, self.variables, system.comm, notes=self._notes
-        )
+        return collected(value, objective.unit, self.variables, system.comm, notes=self._notes)
 
     def _add_pressures(self, objective: Objective) -> None:
         """Add Σ -κ ∂J/∂p g to the derivative of a result by the coordinates, over the chambers that
