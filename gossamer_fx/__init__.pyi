@@ -2,7 +2,7 @@ from . import analysis as analysis
 from .analysis import reduction as reduction
 from .analysis.statics.equilibrium import Equilibrium as Equilibrium
 from .app import sweep as sweep
-from .app.cli.case import Case as Case
+from .records.run.case import Case as Case
 from .build import fold as fold
 from .build import meshes as meshes
 from .build import patterns as patterns

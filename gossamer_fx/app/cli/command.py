@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from mpi4py import MPI
 
-    from gossamer_fx.app.cli.case import Case
+    from gossamer_fx.records.run.case import Case
     from gossamer_fx.mechanics.bodies.membrane import Membrane
 
 # Environment variables by which mpirun or a batch system shows that it started this process.
@@ -499,7 +499,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     """
     import inspect
 
-    from gossamer_fx.app.cli.case import Case
+    from gossamer_fx.records.run.case import Case
     from gossamer_fx.app.cli.user_files import build_of, check_arguments_of, guarded, load, option
     from gossamer_fx.core.checks.errors import check
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.app.cli.case import Case
+from gossamer_fx.records.run.case import Case
 from gossamer_fx.app.cli.user_files import check_arguments_of, option, value_of
 from gossamer_fx.app.sweep.factorial import Factorial
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
