@@ -8,6 +8,7 @@ not repeated, and a run that was killed is made again, from its last checkpoint 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from itertools import cycle, product
@@ -116,7 +117,9 @@ class Factorial:
         return [dict(zip(self.over, values, strict=True)) for values in combinations]
 
 
-def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
+def run_factorial(
+    sweep: Factorial, comm: MPI.Intracomm, folder: Path, *, executor: Executor | None = None
+) -> str:
     """Make the runs of a sweep that its folder lacks; writes runs.csv, sweep.md and sweep.png.
     Collective.
 
@@ -128,6 +131,8 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
         sweep: what to run.
         comm: ranks that make a run together.
         folder: of runs and reports.
+        executor: whose workers make the runs, see `gossamer_fx.analysis.spread`; default: the
+            calling processes.
 
     Returns:
         The table in Markdown, as in sweep.md.
@@ -143,7 +148,7 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
         cases=sweep.cases(),
         draw=lambda results, path: draw(sweep, results, path),
     )
-    results = run_cases(cases, comm, folder, verbose=False)
+    results = run_cases(cases, comm, folder, verbose=False, executor=executor)
     return cases.table(results)
 
 
