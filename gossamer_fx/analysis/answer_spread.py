@@ -51,6 +51,7 @@ _ROW_HEIGHT = 0.22
 _PANEL_EXTRA = 0.55
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Verdict:
     """What may be said of a quantity.
@@ -61,15 +62,20 @@ class Verdict:
         low, high: smallest and largest value of all runs.
         deviation: standard deviation over all runs.
         changes: largest change of each factor, over the scale of the quantity, by name.
-        reason: why there is no range: a run without a finite value; else empty.
+        reason: why there are no numbers: a run without a finite value; else empty.
+
+    Example:
+        >>> changes = {"cells": 0.03, "damping": 0.4}
+        >>> print(gx.analysis.Verdict("not determined", 1.0, 0.6, 1.1, 0.2, changes))
+        not determined: 0.60 to 1.10, most by damping
     """
 
     kind: str
-    value: float
-    low: float
-    high: float
-    deviation: float
-    changes: Mapping[str, float]
+    value: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
+    deviation: float = 0.0
+    changes: Mapping[str, float] = field(default_factory=dict)
     reason: str = ""
 
     @property
@@ -111,6 +117,11 @@ class Spread:
         scales: what changes are relative to, by the name of the quantity; default: the size of its
             usual value.
         quantities: that are judged; default: all numbers.
+
+    Example:
+        >>> found = gx.analysis.spread(lambda comm, n: {"y": 1 + 1 / n**2}, vary={"n": [8, 16]})
+        >>> found.verdict("y").factor, found.runs_of("n")[0].numbers
+        ('n', {'y': 1.00390625})
     """
 
     results: Sequence[Result]
@@ -149,7 +160,7 @@ class Spread:
             if not math.isfinite(result.numbers.get(quantity, math.nan)):
                 words = result.failed or "no finite value"
                 reason = f"{values_text(result.values)}: {words}"
-                return Verdict("not determined", math.nan, math.nan, math.nan, math.nan, {}, reason)
+                return Verdict("not determined", reason=reason)
         values = np.array([result.numbers[quantity] for result in self.results])
         scale = self.scales.get(quantity, abs(values[0])) or 1.0
         changes = {
@@ -311,7 +322,7 @@ def spread(
         >>> vary = {"dt": [0.02, 0.01], "gravity": [9.81, 9.78, 9.83], "nudge": [0.0, 1e-9]}
         >>> found = gx.analysis.spread(fall, vary=vary, chance=["nudge"])
         >>> print(found.verdict("height [m]"))
-        0.215, determined to 1.1 %
+        0.2152, determined to 1.1 %
     """
     for name in chance:
         check(name in vary, f"spread: chance has {name!r}, which is not varied; vary it.")

@@ -530,6 +530,12 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         folder=folder / "spread",
     )
     add("sweep.Factorial", outcome=lambda comm, folder, **values: {"y": 1.0}, over={"a": [1, 2]})
+    add(
+        "sweep.run_factorial",
+        sweep=gx.sweep.Factorial(lambda comm, folder, **values: {"y": 1.0}, {"a": [1, 2]}),
+        comm=MPI.COMM_SELF,
+        folder=folder / f"sweep {WORLD.rank}",
+    )
     add("plot.Watch", folder=inputs.run, port=0, must_exist=True, height=500)
     # Files are exported by one process; here each rank has a folder.
     add("plot.export", run=reader, folder=folder / f"vtu {WORLD.rank}")

@@ -117,8 +117,9 @@ class Factorial:
         return [dict(zip(self.over, values, strict=True)) for values in combinations]
 
 
+@check_arguments
 def run_factorial(
-    sweep: Factorial, comm: MPI.Intracomm, folder: Path, *, executor: Executor | None = None
+    sweep: Factorial, comm: MPI.Intracomm, folder: str | Path, *, executor: Executor | None = None
 ) -> str:
     """Make the runs of a sweep that its folder lacks; writes runs.csv, sweep.md and sweep.png.
     Collective.
@@ -140,6 +141,11 @@ def run_factorial(
     Raises:
         InputError: the folder cannot be written, the file of a result is damaged, or the outcome
             refuses values of a run or returns something other than numbers.
+
+    Example:
+        >>> sweep = gx.sweep.Factorial(lambda comm, folder, a: {"y": 2.0 * a}, {"a": [1.0, 2.0]})
+        >>> gx.sweep.run_factorial(sweep, comm, folder / "doubled").splitlines()[0]
+        '2 runs, 0 s; 0 failed.'
     """
     cases = CaseSet(
         name="sweep",
@@ -148,7 +154,7 @@ def run_factorial(
         cases=sweep.cases(),
         draw=lambda results, path: draw(sweep, results, path),
     )
-    results = run_cases(cases, comm, folder, verbose=False, executor=executor)
+    results = run_cases(cases, comm, Path(folder), verbose=False, executor=executor)
     return cases.table(results)
 
 
