@@ -55,7 +55,7 @@ class EquilibriumResult:
             singular.
         free: rigid motions that no support or load resists, of each part that moves independently;
             the equilibrium is unique at most up to these.
-        slack: the same of parts whose bodies are held against them, but have no stiffness across,
+        slack: such motions of parts whose bodies are held against them, but have no stiffness across,
             as film and cables without tension.
         unstable: number of negative eigenvalues of the stiffness, also where something moves
             freely: zero in a stable equilibrium; -1 where it is not known: the tangent is singular

@@ -345,9 +345,7 @@ class _Holders:
             first = self._held[inside] - component % 3
             self._vectors[inside] = q[first[:, None] + np.arange(3)]
 
-    def divide(
-        self, c: int, motions: Array, centre: Array, radius: float
-    ) -> tuple[Array, Array]:
+    def divide(self, c: int, motions: Array, centre: Array, radius: float) -> tuple[Array, Array]:
         """Divide motions (6, k) of part c into those that the fixed coordinates of its bodies
         allow, and a complement of them, which they do not.  Collective."""
         if not motions.size:
@@ -430,7 +428,7 @@ def _radii(system: System, nodes: Sequence[_Nodes], centre: Array) -> Array:
     for one in nodes:
         moved = one.is_free & is_point[np.maximum(one.part, 0)]
         one.vectors[moved, 0] = centre[one.part[moved]]
-    # What is left of a point are directors, of size one.
+    # The directors of nodes at one point have the size one.
     return np.where(is_point & (radius <= round_off), 1.0, radius)
 
 
@@ -526,7 +524,7 @@ def _describe(motions: Array, centre: Array, radius: float) -> list[str]:
     size = np.abs(np.vstack([motions[:3], ω])).max()
     svd = np.linalg.svd(ω, full_matrices=True)
     # Number of independent rotations; the last rows of Vh are the combinations without any.
-    rank = int((svd.S > NEGLIGIBLE_ROTATION * size).sum())
+    rank = int((NEGLIGIBLE_ROTATION * size < svd.S).sum())
     translations = motions @ svd.Vh[rank:].T
     rotations = _aligned(motions @ svd.Vh[:rank].T)
 

@@ -104,7 +104,7 @@ def count_beyond_round_off(
     system: System, K: PETSc.Mat, part: npt.NDArray[np.int64], parts: int
 ) -> int:
     """As `count_unstable`, of a stiffness that is singular where parts of the scene move freely:
-    the number of eigenvalues ω² below the round-off of their own part, of which there are `parts`;
+    the number of eigenvalues ω² below the round-off of the part, of which there are `parts`;
     `part` (n,) is that of each unknown of this rank, -1 where it is fixed.  Collective."""
     comm = system.comm
     is_free = part >= 0
