@@ -55,8 +55,8 @@ class EquilibriumResult:
             singular.
         free: rigid motions that no support or load resists, of each part that moves independently;
             the equilibrium is unique at most up to these.
-        slack: such motions of parts whose bodies are held against them, but have no stiffness across,
-            as film and cables without tension.
+        slack: such motions of parts whose bodies are held against them, but have no stiffness
+            across, as film and cables without tension.
         unstable: number of negative eigenvalues of the stiffness, also where something moves
             freely: zero in a stable equilibrium; -1 where it is not known: the tangent is singular
             for another reason, gas flows, or loads make the stiffness unsymmetric.
