@@ -252,7 +252,7 @@ def scale_of(field: str, values: np.ndarray) -> Scale:
 
 def test_scales_show_what_matters() -> None:
     even = np.linspace(0, 1, 1001)
-    assert scale_of("stress1", 3e6 * even).label == (1e6, "Larger principal stress [MPa]")
+    assert scale_of("stress1", 3e6 * even).label == (1e6, "Larger principal stress (Cauchy) [MPa]")
     assert scale_of("stress1", 3e6 * even - 1.0).low == 0.0
     signed = scale_of("stress2", 3.0 * even - 1.0)
     assert signed.signed and signed.low == -signed.high

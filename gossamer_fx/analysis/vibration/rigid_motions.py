@@ -152,7 +152,7 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     is_fixed = np.zeros(system.numbering.size_local, dtype=bool)
     is_fixed[system.supports.held] = True
     # Fixed components are left out: a support would otherwise connect parts that share it.
-    label = _connected(system, K, system.supports.held)
+    label = _connected(system, K, np.asarray(system.supports.held, dtype=np.int64))
 
     # Number the labels that are in use from 0, in the same way on every rank.
     labels_of_ranks = system.comm.allgather(np.unique(label[~is_fixed]))
