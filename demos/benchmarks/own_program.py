@@ -141,15 +141,17 @@ def pendulum(
 # ---- equilibria ----------------------------------------------------------------------------------
 
 
-def found_by(search: gx.Equilibrium) -> Figures:
-    """Find an equilibrium, and return the times, the unknowns and the iterations as "steps"."""
+def found_by(search: gx.Equilibrium) -> tuple[Figures, gx.analysis.EquilibriumResult]:
+    """Find an equilibrium, and return the times, the unknowns and the iterations as "steps", and
+    the result."""
     clock = Clock()
     found = search.find()
-    return {
+    figures = {
         **clock.figures(),
         "dofs": search.system.numbering.size,
         "steps": found.iterations,
     }
+    return figures, found
 
 
 def airbag(n: int = 8, order: int = 1, law: str = "isotropic", angle: float = 0.0) -> Figures:
@@ -166,9 +168,10 @@ def airbag(n: int = 8, order: int = 1, law: str = "isotropic", angle: float = 0.
             residual_stiffness=1e-6,
         )
     film, search = airbag_study.airbag(COMM, film_law, order, n)
-    figures = found_by(search)
+    figures, found = found_by(search)
     height = airbag_study.displacement(film, search, "bottom left")[2]
-    return figures | {"w_M": float(height)}
+    volume, potential = airbag_study.volume_and_potential(found)
+    return figures | {"w_M": float(height), "V": volume, "potential": potential}
 
 
 def plate(shape: str = "strip", n: int = 16, step: float = 50.0) -> Figures:
@@ -190,7 +193,7 @@ def plate(shape: str = "strip", n: int = 16, step: float = 50.0) -> Figures:
         gx.Scene(body, gx.Fixed(body, held, rotation=True), load),
         gx.analysis.Continuation(first_step=step),
     )
-    figures = found_by(search)
+    figures, _ = found_by(search)
     # Vertical coordinates; the reference is the largest deflection of the loaded edge.
     z = search.system.q0.array_r[2::3]
     deflection = float(z[body.nodes(loaded)].max())

@@ -24,6 +24,7 @@ class Problem:
     Attributes:
         title, unit, cases, quick, peers, equal, limits, expected_warnings, chart, script, seconds:
             as the file has them.
+        answers: by case, or for "all", [answer, largest relative error] by figure, of this program.
         cost: names of the figures of which the ratio to the peers is: the first one, divided by the
             others.
         scale: factor of the cost.
@@ -39,6 +40,7 @@ class Problem:
     peers: Sequence[str] = ()
     equal: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
+    answers: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     expected_warnings: Mapping[str, str] = field(default_factory=dict)
     chart: bool = False
     script: str = ""
@@ -80,7 +82,9 @@ class ErrorProblem:
         if "exact" in self.error:
             error = error / self.error["exact"] - 1
         elif answer:
-            error -= answer[name]
+            error -= answer[name] * self.error.get("scale", 1.0)
+            if self.error.get("relative"):
+                error /= answer[name] * self.error.get("scale", 1.0)
         return max(abs(error), SMALLEST_ERROR)
 
 

@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import NOT_STABLE, Measure, Study, search_figures
+from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.sheet import crossed_sheet
 from gossamer_fx.records.fields.fields import FieldFunctions
@@ -60,6 +61,14 @@ def displacement(film: gx.Membrane, search: gx.Equilibrium, point: str) -> np.nd
     """Of a named point [m]."""
     port = film.port(point)
     return search.system.state.vector(port) - port.initial()
+
+
+def volume_and_potential(found: EquilibriumResult) -> tuple[float, float]:
+    """Volume [m³] and total potential [J] of the whole airbag at rest: strain energy less the work
+    of the pressure, which is p V."""
+    parts = SHEETS * QUARTERS
+    work = parts * found.totals.supplied
+    return work / PRESSURE, parts * sum(found.totals.stored.values()) - work
 
 
 def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:
