@@ -29,9 +29,7 @@ def aims_of(text: str) -> dict[str, dict]:
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_asked_is_what_was_asked_first(name: str) -> None:
     path = CASES / f"{name}.toml"
-    now = {
-        f"{name} | {key}": aim for key, aim in aims_of(path.read_text(encoding="utf-8")).items()
-    }
+    now = {f"{name} | {key}": aim for key, aim in aims_of(path.read_text(encoding="utf-8")).items()}
     first = {
         key: {word: value for word, value in aim.items() if word != "commit"}
         for key, aim in FIRST.items()
