@@ -28,7 +28,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from demos.validation.engine.case import Case, read_case, with_inputs
-from demos.validation.engine.comparison import results_by_test
+from demos.validation.engine.comparison import compared_numbers, results_by_test, with_measured
 from demos.validation.engine.overview import accuracy_words, overview
 from demos.validation.engine.report import figure, rows, summary
 from demos.validation.engine.results import case_set
@@ -113,10 +113,11 @@ def _validate(
     new = run_cases(cases, comm, folder, fresh=wanted.fresh)
     known_judgements = cases.judgements(before) if before else []
     if not wanted.store:
-        found = [*cases.judgements(new), *changes(new, before, REPEATABILITY, predicted_numbers)]
-        return found, known_judgements
+        differences = changes(with_measured(case, new), before, REPEATABILITY, compared_numbers)
+        return [*cases.judgements(new), *differences], known_judgements
     by_test = {result.values["test"]: result for result in [*known, *new]}
     results = [result for _, result in results_by_test(case, list(by_test.values()))]
+    results = with_measured(case, results)
 
     def store() -> None:
         write_results(STORED / f"{case.name}.json", case.name, results)
@@ -124,11 +125,6 @@ def _validate(
 
     on_rank_zero(comm, store)
     return cases.judgements(results), known_judgements
-
-
-def predicted_numbers(result: Result) -> list[str]:
-    """Names of the predicted values of a result."""
-    return [name for name in result.numbers if name.startswith("y of ")]
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -44,3 +44,16 @@ def test_every_aim_has_a_kind_and_evidence() -> None:
             for measured in test.measured:
                 if math.isfinite(measured.accepted[1]):
                     assert measured.kind, f"{name}, {test.name}: {measured.quantity}"
+
+
+def test_what_benchmarks_ask_is_what_they_asked_first() -> None:
+    """`demos/benchmarks/aims.json` is changed where a problem is added, and nowhere else."""
+    folder = CASES.parents[1] / "benchmarks"
+    problems = tomllib.loads((folder / "problems.toml").read_text(encoding="utf-8"))
+    words = ("accepted", "quick_accepted", "limits", "equal", "answers")
+    now = {
+        name: {word: entry[word] for word in words if word in entry}
+        for name, entry in problems.items()
+    }
+    first = json.loads((folder / "aims.json").read_text(encoding="utf-8"))
+    assert {name: aims for name, aims in now.items() if aims} == first

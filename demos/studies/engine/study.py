@@ -128,6 +128,9 @@ class Claim:
                 yield Judgement(words, self.low <= value <= self.high)
 
 
+# Beginnings of what `Study.to_be_stored` adds to the numbers of a result.
+ADDED = ("reference of ", "tolerance of ", "limit of ")
+
 # Numbers that differ from run to run, or with the last digit of a residual.
 NOT_COMPARED = {
     "seconds",
@@ -294,14 +297,18 @@ class Study:
         """
         skipped = NOT_COMPARED | {*self.limits} | {*self.not_repeatable}
         if "all" in self.not_repeatable:
-            return []
+            return [name for name in result.numbers if name.startswith(ADDED)]
         return [name for name in result.numbers if name not in skipped]
 
     def to_be_stored(self, results: list[Result]) -> list[Result]:
-        """Results with the references of their measures, so that another one is noticed."""
+        """Results with the references and aims of the study, so that another one is noticed."""
+        aims = {f"limit of {name}": largest for name, largest in self.limits.items()}
+        for measure in self.measures:
+            if math.isfinite(measure.tolerance):
+                aims[f"tolerance of {measure.name}"] = measure.tolerance
         stored = []
         for result in results:
-            references = {}
+            references = dict(aims)
             for measure in self.measures:
                 value = measure.reference
                 references[f"reference of {measure.name}"] = (
