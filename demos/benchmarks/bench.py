@@ -61,7 +61,11 @@ def medians(results: list[Result], *names: str) -> dict[tuple[Any, ...], Figures
             key = tuple(result.values[name] for name in names)
             groups.setdefault(key, []).append(result)
     return {
-        key: {name: median(r.numbers[name] for r in found) for name in found[0].numbers}
+        key: {
+            name: median(r.numbers[name] for r in found)
+            for name, number in found[0].numbers.items()
+            if not isinstance(number, list)
+        }
         for key, found in groups.items()
     }
 

@@ -24,7 +24,7 @@ from mpi4py import MPI
 from newton_times import profile
 from rank_counts import rank_counts
 from scaling_model import scaling_model
-from shared_problems import CASES, MODULI
+from shared_problems import CASES, MODULI, instants_of
 from stopwatch import Stopwatch
 
 import gossamer_fx as gx
@@ -128,10 +128,12 @@ def pendulum(
     series = gx.Series(swing.probes)
     figures = watch.measure(swing.simulation([series]), until)
     film = series["film [m]"]
+    instants = np.array(instants_of(until))
     # At the end and over the time: the film vibrates, so that its value at the end depends on the
     # phase.
     return figures | {
         "tip [mm]": 1e3 * series["tip [m]"][-1],
+        "tips [mm]": (1e3 * np.interp(instants, series.time, series["tip [m]"])).tolist(),
         "film, end [mm]": 1e3 * film[-1],
         "film, rms [mm]": 1e3 * np.sqrt(np.mean(film**2)),
         "film, largest [mm]": 1e3 * film.max(),
@@ -300,7 +302,7 @@ def main() -> None:
         figures = solve(**words(defaults))
     warnings = [text for texts in COMM.allgather(own_warnings) for text in texts]
     if COMM.rank == 0:
-        numbers = {name: float(np.real(value)) for name, value in figures.items()}
+        numbers = {name: np.asarray(value).real.tolist() for name, value in figures.items()}
         print(json.dumps(numbers | {"warnings": list(dict.fromkeys(warnings))}))
 
 

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 Words = dict[str, object]  # words of a script; see contestants.run
 Cases = dict[str, dict[str, Words]]  # by size, then by contestant
-Figures = dict[str, float]
+Figures = dict[str, Any]  # numbers, or lists of them at instants
 
 # An error below this is round-off; it is drawn here, because a logarithmic axis has no zero.
 SMALLEST_ERROR = 1e-16
@@ -78,6 +80,10 @@ class ErrorProblem:
             answer: figures of the answer; empty if it is not computed.
         """
         name = str(self.error["figure"])
+        if isinstance(figures[name], list):
+            # Values at several instants: the root of the mean square over time.
+            apart = np.subtract(figures[name], answer[name])
+            return max(float(np.sqrt(np.mean(apart**2))), SMALLEST_ERROR)
         error = figures[name] * self.error.get("scale", 1.0)
         if "exact" in self.error:
             error = error / self.error["exact"] - 1
