@@ -3,8 +3,8 @@
 Two flat square sheets of diagonal 1.2 m, 0.6 mm thick, E = 588 MPa, ν = 0.4, joined along the
 edges, which stay in z = 0; overpressure 5 kPa.  M is the centre, A a corner.  Volume V and total
 potential converge: they are judged.  w_M and u_A scatter with the mesh and have no order; w_M by
-some 0.1 % in both orders.  There are several equilibria: those of `TensionField` and of a residual
-stiffness of 1e-8 on 32 cells have w_M 0.4 % higher, at the same potential to 1e-4.
+some 0.1 % in both orders.  There are several equilibria: on 32 cells some laws find one of which
+w_M is 0.4 % higher, and the potential 0.015 % lower.
 For the problem and results of others see Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009)
 1097.
 """
