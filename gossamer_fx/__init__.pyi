@@ -2,7 +2,6 @@ from . import analysis as analysis
 from .analysis import reduction as reduction
 from .analysis.statics.equilibrium import Equilibrium as Equilibrium
 from .app import sweep as sweep
-from .app.cli.case import Case as Case
 from .build import fold as fold
 from .build import meshes as meshes
 from .build import patterns as patterns
@@ -63,6 +62,7 @@ from .records.outputs.recording import Recording as Recording
 from .records.outputs.tables import Ledger as Ledger
 from .records.outputs.tables import Series as Series
 from .records.plot.report import write_report as write_report
+from .records.run.case import Case as Case
 from .records.run.checkpoint import Checkpoints as Checkpoints
 from .records.run.events import At as At
 from .records.run.events import When as When

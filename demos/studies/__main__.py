@@ -11,14 +11,18 @@ On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
 from __future__ import annotations
 
 import argparse
-import importlib
 import re
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 from mpi4py import MPI
 
-from demos.studies.engine.study import SUMMARY_HEAD, Study
+from demos.studies.engine.named import outcome_of, study_of
+from demos.studies.engine.study import SUMMARY_HEAD
 from gossamer_fx.analysis.cases.case_set import run_cases, verdict
 from gossamer_fx.analysis.cases.results import markdown_table
 from gossamer_fx.core.checks.errors import InputError
@@ -28,11 +32,6 @@ NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswi
 PAGE = HERE / "summary.md"
 # The part of the page that is written by this command.
 BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTALL)
-
-
-def study_of(name: str) -> Study:
-    """The study of a module of this folder."""
-    return importlib.import_module(f"demos.studies.{name}").STUDY
 
 
 def write_page(summaries: dict[str, list[list[str]]]) -> None:
@@ -66,13 +65,20 @@ def main(words: list[str] | None = None) -> int:
         "--out", type=Path, default=Path("out/studies"), help="folder of the results"
     )
     parser.add_argument("--fresh", action="store_true", help="compute everything again")
+    parser.add_argument(
+        "-j", "--jobs", type=int, default=1, help="processes that share the cases, one rank each"
+    )
     wanted = parser.parse_args(words)
+    executor = None
+    if wanted.jobs > 1:
+        # Forked processes would share the state of MPI.
+        executor = ProcessPoolExecutor(wanted.jobs, mp_context=get_context("spawn"))
     judgements = {}
     summaries: dict[str, list[list[str]]] = {}
     for name in NAMES if wanted.name == "all" else [wanted.name]:
         study = study_of(name)
-        cases = study.case_set(comm, wanted.quick)
-        results = run_cases(cases, comm, wanted.out / name, fresh=wanted.fresh)
+        cases = replace(study.case_set(comm, wanted.quick), outcome=partial(outcome_of, name))
+        results = run_cases(cases, comm, wanted.out / name, fresh=wanted.fresh, executor=executor)
         judgements[name] = cases.judgements(results)
         summaries[name] = list(study.summary(results))
     text, is_well = verdict(judgements)

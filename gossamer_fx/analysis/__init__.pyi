@@ -2,6 +2,9 @@ from ..records.fields.best_surface import BestSurface as BestSurface
 from ..records.fields.best_surface import best_surface as best_surface
 from ..records.probes.films import StressPeak as StressPeak
 from ..records.probes.films import largest_stress as largest_stress
+from .answer_spread import Spread as Spread
+from .answer_spread import Verdict as Verdict
+from .answer_spread import spread as spread
 from .design.optimisation import Limit as Limit
 from .design.optimisation import Optimum as Optimum
 from .design.optimisation import gradient as gradient

@@ -529,7 +529,25 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     )
     add("reduction.OutsideBasis", body=gx.reduction.reduce(film, [motion], modes=1))
     add("reduction.reduce", body=film, motions=[motion], modes=1)
+    # Runs of no time: a spread is refused before any of them.
+    add(
+        "analysis.spread",
+        case=lambda comm, **values: {"y": 1.0},
+        vary={"cells": [4, 6], "nudge": [0.0, 1e-9]},
+        chance=["nudge"],
+        quantities=["y"],
+        scales={"y": 1.0},
+        limit=0.1,
+        comm=WORLD,
+        folder=folder / "spread",
+    )
     add("sweep.Factorial", outcome=lambda comm, folder, **values: {"y": 1.0}, over={"a": [1, 2]})
+    add(
+        "sweep.run_factorial",
+        sweep=gx.sweep.Factorial(lambda comm, folder, **values: {"y": 1.0}, {"a": [1, 2]}),
+        comm=MPI.COMM_SELF,
+        folder=folder / f"sweep {WORLD.rank}",
+    )
     add("plot.Watch", folder=inputs.run, port=0, must_exist=True, height=500)
     # Files are exported by one process; here each rank has a folder.
     add("plot.export", run=reader, folder=folder / f"vtu {WORLD.rank}")

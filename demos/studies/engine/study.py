@@ -167,7 +167,7 @@ class Study:
         return CaseSet(
             name=self.name,
             title=self.title,
-            outcome=self._outcome,
+            outcome=self.outcome,
             cases=[{**trial, **others} for trial in trials],
             rows=self.rows,
             judge=lambda results: self.judge(results, quick),
@@ -178,9 +178,10 @@ class Study:
             may_fail=self.may_fail,
         )
 
-    def _outcome(
+    def outcome(
         self, comm: MPI.Intracomm, folder: Path, ranks: int, **case: Any
     ) -> Mapping[str, float]:
+        """What the problem returns of a case; numbers that are NaN are left out."""
         numbers = self.problem(comm, **case)
         check(
             "seconds" in numbers,

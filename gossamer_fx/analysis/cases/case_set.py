@@ -24,9 +24,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import pickle
 import shutil
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -46,7 +48,7 @@ from gossamer_fx.analysis.cases.results import (
     value_text,
     values_text,
 )
-from gossamer_fx.core.checks.errors import InputError, on_rank_zero
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.records.outputs.output import make_parent, replace_file
 from gossamer_fx.records.outputs.run_file import FileLocks
 
@@ -264,8 +266,55 @@ class CaseSet:
         return text
 
 
+def _run_alone(
+    folder: Path, outcome: Outcome, failures: tuple[type[Exception], ...], values: Values
+) -> Result:
+    """The result of one case in a worker process of an executor, on one rank."""
+    return SharedRuns(MPI.COMM_SELF, folder, outcome, failures).results([values])[0]
+
+
+def _results_of_workers(
+    cases: CaseSet, folder: Path, executor: Executor, progress: Callable[[Result], None]
+) -> list[Result]:
+    """Results of all cases, in order, which the workers of an executor compute.
+
+    A case whose worker ended without a result has failed; as no file has its result, the next call
+    computes it again.
+
+    Raises:
+        InputError: the outcome cannot be sent to a worker, or refuses its values.
+    """
+    try:
+        pickle.dumps((cases.outcome, cases.failures))
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InputError(
+            f"The function of '{cases.name}' cannot be sent to a worker ({error}); define it with "
+            "def at the top of a module."
+        ) from error
+    futures = [
+        executor.submit(_run_alone, folder, cases.outcome, cases.failures, dict(values))
+        for values in cases.cases
+    ]
+    found = []
+    for values, future in zip(cases.cases, futures, strict=True):
+        try:
+            result = future.result()
+        except (BrokenExecutor, CancelledError, OSError) as error:
+            reason = f"its worker ended without a result ({type(error).__name__})"
+            result = Result(values=dict(values), numbers={}, seconds=0.0, failed=reason)
+        progress(result)
+        found.append(result)
+    return found
+
+
 def run_cases(
-    cases: CaseSet, comm: MPI.Intracomm, folder: Path, *, fresh: bool = False, verbose: bool = True
+    cases: CaseSet,
+    comm: MPI.Intracomm,
+    folder: Path,
+    *,
+    fresh: bool = False,
+    verbose: bool = True,
+    executor: Executor | None = None,
 ) -> list[Result]:
     """Compute the cases that a folder lacks, and write runs.csv, NAME.md and NAME.png.  Collective.
 
@@ -275,14 +324,24 @@ def run_cases(
         folder: of the reports; results of single cases are in its folder `runs`.
         fresh: whether to compute all cases again.
         verbose: whether rank 0 prints a line for each case that was computed, and the table.
+        executor: whose workers compute the cases, one each and on one rank, in a folder that they
+            all reach; e.g. `concurrent.futures.ProcessPoolExecutor` with the context "spawn",
+            `mpi4py.futures.MPIPoolExecutor`, `dask.distributed.Client.get_executor()`.  Default:
+            the calling processes compute them.
 
     Returns:
         The results of all cases, in order.
 
     Raises:
-        InputError: the folder cannot be written, the file of a result is damaged, or the outcome
-            refuses values or returns something other than numbers.
+        InputError: the folder cannot be written, the file of a result is damaged, the outcome
+            refuses values or returns something other than numbers, or cannot be sent to a worker,
+            or an executor is given on several ranks.
     """
+    check(
+        executor is None or comm.size == 1,
+        f"An executor is given on {comm.size} ranks; start this program on one rank, or leave the "
+        "executor out.",
+    )
     # A table that cannot be written is refused before the runs.
     make_parent(comm, folder / "runs.csv", file=True)
     runs = folder / "runs"
@@ -294,8 +353,11 @@ def run_cases(
         words = result.failed or ", ".join(f"{name} {n:.4g}" for name, n in numbers.items())
         print(f"{cases.name}: {values_text(result.values)}: {words}", flush=True)
 
-    shared = SharedRuns(comm, runs, cases.outcome, cases.failures, progress if verbose else None)
-    results = shared.results(cases.cases)
+    report = progress if verbose else None
+    if executor is None:
+        results = SharedRuns(comm, runs, cases.outcome, cases.failures, report).results(cases.cases)
+    else:
+        results = _results_of_workers(cases, runs, executor, report or (lambda result: None))
 
     def write() -> None:
         text = cases.table(results)

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from mpi4py import MPI
 
-    from gossamer_fx.app.cli.case import Case
     from gossamer_fx.mechanics.bodies.membrane import Membrane
+    from gossamer_fx.records.run.case import Case
 
 # Environment variables by which mpirun or a batch system shows that it started this process.
 # Slurm sets SLURM_PROCID in the script of a job, too, which is not a rank.
@@ -499,9 +499,9 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     """
     import inspect
 
-    from gossamer_fx.app.cli.case import Case
     from gossamer_fx.app.cli.user_files import build_of, check_arguments_of, guarded, load, option
     from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.records.run.case import Case
 
     path: Path = wanted.scene
     check(

@@ -8,17 +8,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.app.cli.case import Case
+from gossamer_fx.analysis.cases.case_runs import Build, CaseRuns
 from gossamer_fx.app.cli.user_files import check_arguments_of, option, value_of
 from gossamer_fx.app.sweep.factorial import Factorial
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
-from gossamer_fx.records.outputs.output import Output, make_parent, replace_file
-from gossamer_fx.records.run.checkpoint import Checkpoints
-
-Build = Callable[..., Case]
+from gossamer_fx.records.outputs.output import make_parent, replace_file
 
 
 def values_of(words: Sequence[str]) -> dict[str, list[Any]]:
@@ -90,93 +86,6 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
     on_rank_zero(comm, compare)
 
 
-class SceneOutcome:
-    """Makes one run of a scene file; its numbers are those of the probes, and how the run went.
-
-    For each probe it returns the value at the end, the smallest and the largest one, and for each
-    chamber the last pressure.  The run is recorded in its folder with checkpoints, from which it
-    continues if it was killed.
-
-    Args:
-        build: the function of the scene file.
-        progress: called with a line when a run begins.
-
-    Attributes:
-        count: of all runs of the sweep, for the progress.
-    """
-
-    def __init__(self, build: Build, progress: Callable[[str], None]) -> None:
-        self._build = build
-        self._progress = progress
-        self.count = 1
-
-    def __call__(self, comm: MPI.Intracomm, folder: Path, **values: Any) -> dict[str, float]:
-        """Make one run of the scene, or continue it from its newest checkpoint.  Collective.
-
-        Args:
-            comm: the ranks.
-            folder: of the run, for its recording and checkpoints.
-            values: arguments of `build` for this run.
-
-        Returns:
-            Numbers by name, the same on every rank: those of `_probe_numbers`, each with its unit
-            in the name, and the dimensionless "energy error", "steps" and "iterations a step".
-
-        Raises:
-            InputError: `build` does not return a `Case`, or the scene is wrong; an error that
-                `build` itself raises passes.
-            StepFailure: a time step did not converge.  The folder retains what was recorded and the
-                checkpoints; what becomes of a failed run is decided by the sweep.
-        """
-        words = ", ".join(f"{name}={value}" for name, value in values.items())
-        if comm.rank == 0:
-            self._progress(f"run with {words} ({self.count} runs in all)")
-        case = self._build(comm, **values)
-        check(
-            isinstance(case, Case),
-            f"build returns {type(case).__name__}; let it return a gossamer_fx.Case.",
-        )
-        saves = folder / "checkpoints"
-        is_restart = comm.bcast(any(saves.glob("step-*")))
-        restart = saves if is_restart else None
-        # What a run without a checkpoint has left is replaced: it has no result.
-        outputs: list[Output] = [case.recording(folder, overwrite=True)]
-        run = case.simulation(outputs, Checkpoints(saves), restart)
-        run.run(until=case.until)
-        numbers = dict(on_rank_zero(comm, lambda: _probe_numbers(folder)) or {})
-        numbers = dict(comm.bcast(numbers))
-        numbers["energy error"] = run.energy_error
-        numbers["steps"] = float(run.step)
-        numbers["iterations a step"] = run.iterations / max(run.step, 1)
-        return numbers
-
-
-def _probe_numbers(folder: Path) -> dict[str, float]:
-    """Results of a recorded run by name: of its probes and of the pressures of its chambers.
-
-    Returns:
-        "... at the end" for each probe, in the unit of the probe, "... pressure [Pa] at the end"
-        for each chamber, then "... smallest" and "... largest" for each probe: the picture has room
-        for the first ones.
-
-    Raises:
-        InputError: the folder holds no run.
-    """
-    from gossamer_fx.records.plot.run_reader import RunReader
-
-    run = RunReader(folder)
-    columns = run.table("probes.csv").items()
-    probes = {name: values for name, values in columns if name not in run.not_values}
-    numbers = {f"{name} at the end": float(values[-1]) for name, values in probes.items()}
-    for name, values in run.table("gas.csv").items():
-        if name.endswith(" pressure"):
-            numbers[f"{name} [Pa] at the end"] = float(values[-1])
-    for name, values in probes.items():
-        numbers[f"{name} smallest"] = float(np.min(values))
-        numbers[f"{name} largest"] = float(np.max(values))
-    return numbers
-
-
 def scene_sweep(
     build: Build,
     path: Path,
@@ -202,7 +111,4 @@ def scene_sweep(
     over = values_of(words)
     given = [(name, value) for name, values in over.items() for value in values]
     check_arguments_of(build, path, given)
-    outcome = SceneOutcome(build, progress)
-    sweep = Factorial(outcome, over, listed=listed)
-    outcome.count = len(sweep.cases())
-    return sweep
+    return Factorial(CaseRuns(build, progress), over, listed=listed)

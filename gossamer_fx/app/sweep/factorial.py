@@ -8,6 +8,7 @@ not repeated, and a run that was killed is made again, from its last checkpoint 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from itertools import cycle, product
@@ -116,7 +117,10 @@ class Factorial:
         return [dict(zip(self.over, values, strict=True)) for values in combinations]
 
 
-def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
+@check_arguments
+def run_factorial(
+    sweep: Factorial, comm: MPI.Intracomm, folder: str | Path, *, executor: Executor | None = None
+) -> str:
     """Make the runs of a sweep that its folder lacks; writes runs.csv, sweep.md and sweep.png.
     Collective.
 
@@ -128,6 +132,8 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
         sweep: what to run.
         comm: ranks that make a run together.
         folder: of runs and reports.
+        executor: whose workers make the runs, see `gossamer_fx.analysis.spread`; default: the
+            calling processes.
 
     Returns:
         The table in Markdown, as in sweep.md.
@@ -135,6 +141,11 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
     Raises:
         InputError: the folder cannot be written, the file of a result is damaged, or the outcome
             refuses values of a run or returns something other than numbers.
+
+    Example:
+        >>> sweep = gx.sweep.Factorial(lambda comm, folder, a: {"y": 2.0 * a}, {"a": [1.0, 2.0]})
+        >>> gx.sweep.run_factorial(sweep, comm, folder / "doubled").splitlines()[0]
+        '2 runs, 0 s; 0 failed.'
     """
     cases = CaseSet(
         name="sweep",
@@ -143,7 +154,7 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
         cases=sweep.cases(),
         draw=lambda results, path: draw(sweep, results, path),
     )
-    results = run_cases(cases, comm, folder, verbose=False)
+    results = run_cases(cases, comm, Path(folder), verbose=False, executor=executor)
     return cases.table(results)
 
 

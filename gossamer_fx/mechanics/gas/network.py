@@ -196,19 +196,19 @@ class GasNetwork(ScalarUnknowns):
 
     def _stiffness(self, process: str) -> list[tuple[Array, float]]:
         """Stiffness of the gas in each film or piston against volume changes, p V^exponent =
-        const.: this rank's part of the gradient of its volume [m²], and κ = exponent p/V [Pa/m³];
-        empty at held pressure.  Collective."""
+        const., at the last iterate, as all other parts of a tangent: this rank's part of the
+        gradient of its volume [m²], and κ = exponent p/V [Pa/m³]; empty at held pressure.
+        Collective."""
         if process == HELD_PRESSURE:
             return []
         found = []
-        for state in self.chambers:
+        for k, enclosure in self._enclosures.items():
             exponent = 1.0
             if process == ADIABATIC:
                 # γ of the mixture
-                exponent += 1 / state.heat_factor
-            if state.enclosure is not None:
-                gradient = state.enclosure.of_volume.copy()
-                found.append((gradient, exponent * state.pressure / state.volume))
+                exponent += 1 / self.chambers[k].heat_factor
+            stiffness = exponent * float(self.y[k] / self.volumes[k])
+            found.append((enclosure.of_volume.copy(), stiffness))
         return found
 
     # ---- scalar unknowns: a step -----------------------------------------------------------------

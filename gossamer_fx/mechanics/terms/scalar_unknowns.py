@@ -130,8 +130,8 @@ class ScalarUnknowns(HistoryVariables):
         return
 
     def static_stiffness(self) -> list[tuple[Array, float]]:
-        """Pairs (g, κ) of the stiffness Σ κ g⊗g for slow changes, by the process that was chosen;
-        this rank's part of g."""
+        """Pairs (g, κ) of the stiffness Σ κ g⊗g for slow changes, by the process that was chosen,
+        at the state of the last residual, which need not be accepted; this rank's part of g."""
         return []
 
     def vibration_stiffness(self) -> list[tuple[Array, float]] | None:
