@@ -3,6 +3,7 @@
     Kᵀ λ = ∂J/∂q,    dJ/dθ = ∂J/∂θ - λ·∂r/∂θ                                                    (1)
 
 K is the tangent of the equilibrium, which is factorised once, whatever the number of parameters.
+Where it is singular, see `sensitivity.static_solver`.
 
 Closed gas is a function of its volume, dp = -κ g·dq with the gradient g of the volume.  K then has
 the stiffness κ g⊗g in addition, by the formula of Sherman, Morrison and Woodbury, and a result that
@@ -16,9 +17,9 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.analysis.sensitivity.backward import TransposedSolver
 from gossamer_fx.analysis.sensitivity.objectives import (
     Energy,
     FormObjective,
@@ -27,6 +28,7 @@ from gossamer_fx.analysis.sensitivity.objectives import (
     chambers_of,
 )
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
+from gossamer_fx.analysis.sensitivity.static_solver import StaticSolver
 from gossamer_fx.analysis.sensitivity.variables import (
     SHAPE,
     AdjointFields,
@@ -41,6 +43,10 @@ from gossamer_fx.core.model.body import Array, Port, Vector
 from gossamer_fx.records.probes.points import AXES, Position
 from gossamer_fx.solve.system.system import System
 
+# Work of a change of a parameter on a free motion, over that of its parts with random signs, up to
+# which it is round-off.
+UNBALANCED = 1e-6
+
 
 @runtime_checkable
 class SolvedEquilibrium(Protocol):
@@ -49,6 +55,14 @@ class SolvedEquilibrium(Protocol):
     @property
     def system(self) -> System:
         """The compiled scene in the equilibrium."""
+
+    @property
+    def is_known_regular(self) -> bool:
+        """Whether the tangent in the present state was found to be regular."""
+
+    @property
+    def free_words(self) -> str:
+        """Why the tangent may be singular, as a clause, e.g. which motions nothing resists."""
 
     def need(self, what: str) -> None:
         """Raise `InputError` unless an equilibrium was found."""
@@ -74,7 +88,7 @@ def point_stiffness(
 
     Raises:
         InputError: no equilibrium was found, the direction is zero, the scene has gas with
-            openings, or the tangent is singular.
+            openings, or nothing resists the force, as in a scene without supports.
 
     Example:
         >>> top = gx.Ground((0.0, 0.0, 0.0))
@@ -100,7 +114,7 @@ def point_stiffness(
             row.destroy()
     adjoint = StaticAdjoint(equilibrium, "point_stiffness")
     adjoint.factorise()
-    compliance = adjoint.solve(of_unknowns).dot(of_unknowns)
+    compliance = adjoint.solve(of_unknowns, "the stiffness of the point").dot(of_unknowns)
     of_unknowns.destroy()
     return 1 / compliance if compliance else math.inf
 
@@ -120,7 +134,7 @@ class StaticAdjoint:
         self._what = what
         self._equilibrium = equilibrium
         self._system = equilibrium.system
-        self._solver: TransposedSolver | None = None
+        self._solver = StaticSolver(self._system)
         self._gas: list[tuple[Array, float]] = []
         self._λ = self._system.numbering.vector()
 
@@ -130,24 +144,26 @@ class StaticAdjoint:
         system = self._system
         system.set_end(system.q0)
         system.set_inertia(0.0)
-        K = system.tangent()
-        if self._solver is None:
-            self._solver = TransposedSolver(K)
-        self._solver.factorise(K)
         # Gradients g (n,) [m²] of the volumes and stiffnesses κ [Pa/m³] of the gas; pressures do
         # not change with coordinates that are held.
         self._gas = [pair for s in system.scalar_unknowns for pair in s.static_stiffness()]
         for gradient, _ in self._gas:
             gradient[system.supports.held] = 0.0
-        self._solver.add_to_inverse(self._gas)
+        self._solver.factorise(self._equilibrium.is_known_regular, self._gas)
 
-    def solve(self, by_position: PETSc.Vec) -> PETSc.Vec:
-        """λ for the derivative ∂J/∂q of a result, whose entries at fixed coordinates are set to
-        zero; the next call overwrites λ.  Collective."""
-        assert self._solver is not None
+    def solve(self, by_position: PETSc.Vec, result: str) -> PETSc.Vec:
+        """λ for the derivative ∂J/∂q of a result, named for messages, whose entries at fixed
+        coordinates are set to zero; the next call overwrites λ.  `InputError` if the result depends
+        on motions that nothing resists.  Collective."""
         # Fixed coordinates do not follow; their rows and columns of K are those of the identity.
         by_position.array[self._system.supports.held] = 0
-        self._solver.solve(by_position, self._λ)
+        is_solved = self._solver.solve(by_position, self._λ)
+        check(
+            is_solved,
+            f"{self._what}: {result} is not determined by the equilibrium, as "
+            f"{self._equilibrium.free_words}; hold what is free, prestress slack film or give it a "
+            "residual_stiffness, or ask for what does not depend on it, e.g. a volume.",
+        )
         return self._λ
 
 
@@ -164,10 +180,56 @@ class StaticGradients(StaticAdjoint):
         )
         self._adjoint = AdjointFields(system)
         self.variables = find_variables(system, by, self._adjoint, in_time=False)
+        # One sentence if the equilibrium is not regular.
+        self._notes: tuple[str, ...] = ()
         # By the identity of the result; one list for each variable.
         self._explicit: dict[int, list[list[FormDerivative]]] = {}
         self._by_position = system.numbering.vector()
         self._by_velocity = system.numbering.vector()
+
+    def factorise(self) -> None:
+        """Take the tangent of the present equilibrium.  `InputError` if a change of one of the
+        variables leaves no equilibrium.  Collective."""
+        super().factorise()
+        self._notes = ()
+        null_vector = self._solver.null_vector()
+        if null_vector is None:
+            return
+        self._check_balance(null_vector)
+        words = self._equilibrium.free_words
+        self._notes = (f"{words}; the result and its derivatives do not depend on that.",)
+
+    def _check_balance(self, null_vector: PETSc.Vec) -> None:
+        """Raise `InputError` for a variable whose change pushes along a motion that nothing
+        resists, of which a vector is given.  Collective."""
+        pushes = self._residual_changes(null_vector)
+        # The same numbers with random signs: the size of what balances.
+        signs = np.random.default_rng(self._system.comm.rank).choice(
+            (-1.0, 1.0), self._λ.local_size
+        )
+        null_vector.array[:] *= signs
+        sizes = self._residual_changes(null_vector)
+        for variable, push, size in zip(self.variables, pushes, sizes, strict=True):
+            check(
+                push <= UNBALANCED * size,
+                f"{self._what}: a change of '{variable.name}' leaves the scene without equilibrium,"
+                f" as {self._equilibrium.free_words}; hold what is free, or leave it out.",
+            )
+
+    def _residual_changes(self, vector: PETSc.Vec) -> list[float]:
+        """The largest |vector·∂r/∂θ| of each variable θ.  Collective."""
+        self._adjoint.set(vector)
+        comm = self._system.comm
+        changes = []
+        for variable in self.variables:
+            variable.start()
+            variable.add_residual(vector, with_inertia=False)
+            values = variable.sum.copy()
+            if not variable.is_distributed:
+                comm.Allreduce(MPI.IN_PLACE, values, op=MPI.SUM)
+            largest = float(np.abs(values).max(initial=0.0))
+            changes.append(comm.allreduce(largest, op=MPI.MAX))
+        return changes
 
     def of(self, objective: Objective) -> Gradient:
         """The gradient of one result at the equilibrium of the last `factorise`.  Collective."""
@@ -176,7 +238,7 @@ class StaticGradients(StaticAdjoint):
         self._by_velocity.set(0.0)
         objective.add_derivative(system, self._by_position, self._by_velocity)
         self._add_pressures(objective)
-        self._adjoint.set(self.solve(self._by_position))
+        self._adjoint.set(self.solve(self._by_position, type(objective).__name__))
         explicit = self._explicit_derivatives(objective)
         for variable, derivatives in zip(self.variables, explicit, strict=True):
             variable.start()
@@ -186,7 +248,7 @@ class StaticGradients(StaticAdjoint):
             if isinstance(objective, Energy) and isinstance(variable, PointVariable):
                 variable.sum += variable.energy_derivative()
         value = objective(self._equilibrium)
-        return collected(value, objective.unit, self.variables, system.comm)
+        return collected(value, objective.unit, self.variables, system.comm, notes=self._notes)
 
     def _add_pressures(self, objective: Objective) -> None:
         """Add Σ -κ ∂J/∂p g to the derivative of a result by the coordinates, over the chambers that

@@ -14,6 +14,7 @@ from gossamer_fx.analysis.statics.result import (
     warn_of_lost_loads,
     warn_of_quality,
 )
+from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.core.checks.arguments import check_arguments, collective
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
@@ -190,6 +191,19 @@ class Equilibrium:
             self.result is not None,
             f"{what}: no equilibrium was found yet; call find() of the Equilibrium first.",
         )
+
+    @property
+    def is_known_regular(self) -> bool:
+        """Whether the tangent in the present state was found to be regular: a path has left the
+        state of `result`."""
+        return self.result is not None and self.result.regular and self.followed is None
+
+    @property
+    def free_words(self) -> str:
+        """Why the tangent may be singular, as a clause."""
+        if self.result is not None and self.result.free:
+            return f"nothing resists {listed(self.result.free)}"
+        return "its tangent is singular, as of slack film or at a limit load"
 
     @property
     def time(self) -> float:

@@ -20,7 +20,12 @@ from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.analysis.vibration.natural_modes import Mode, modes
+from gossamer_fx.analysis.vibration.natural_modes import (
+    ZERO_FREQUENCY_FACTOR,
+    Mode,
+    modes,
+    round_off_square,
+)
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form, constant
@@ -80,9 +85,17 @@ class Frequency:
         )
         found = modes(self._equilibrium, self.number + 2)
         mode = found[self.number]
+        equilibrium = self._equilibrium
+        zero = 0.0
+        if not equilibrium.is_known_regular:
+            system = equilibrium.system
+            system.set_inertia(0.0)
+            square = round_off_square(system.tangent(), system.M)
+            zero = math.sqrt(ZERO_FREQUENCY_FACTOR * square) / (2 * math.pi)
         check(
-            mode.frequency > 0,
-            f"Frequency: mode {self.number} has none, as it is a rigid motion or not stable; "
+            mode.frequency > zero,
+            f"Frequency: mode {self.number} has {mode.frequency:.2g} Hz, which is zero within "
+            "round-off, as it is a rigid motion, of slack film or not stable; "
             "choose another mode.",
         )
         for k in (self.number - 1, self.number + 1):

@@ -216,10 +216,9 @@ def modes(
     M = system.M.copy()
     # Rows of fixed coordinates: 1 in K and 0 in M, so that their eigenvalues are infinite.
     system.supports.clear(M, 0.0)
-    # Square of an angular frequency that round-off explains [rad²/s²]
-    least = SHIFT_RATIO * K.norm() / M.norm()
+    least = round_off_square(K, M)
     away_from_zero = 0.0
-    if equilibrium.result is not None and not equilibrium.result.regular:
+    if not equilibrium.is_known_regular:
         away_from_zero = least
     ω = 2 * math.pi * above
     stiffnesses = _gas_stiffnesses(system, is_turning=any(spin))
@@ -247,6 +246,11 @@ def modes(
     complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
     _warn_of_growth(equilibrium, complete, least)
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
+
+
+def round_off_square(K: PETSc.Mat, M: PETSc.Mat) -> float:
+    """Square of an angular frequency that round-off explains [rad²/s²].  Collective."""
+    return float(SHIFT_RATIO * K.norm() / M.norm())
 
 
 def _distance(mode: Mode, ω: float) -> float:
@@ -358,7 +362,7 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
     zeros = sum(mode.frequency <= limit for mode in found)
-    if not zeros or result.regular:
+    if not zeros or equilibrium.is_known_regular:
         return
     if equilibrium.comm.rank == 0:
         reason = "film is slack"
