@@ -75,7 +75,7 @@ def volume_and_potential(found: EquilibriumResult) -> tuple[float, float]:
 
 def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:
     """Larger principal stress [Pa], mean of the cells at a named point."""
-    fields = FieldFunctions(search.system, film, ["stress1"])
+    fields = FieldFunctions(search.system, film, ["second_piola_stress1"])
     fields.update()
     [σ1] = fields.functions
     cells = film.space.dofmap.list[: film.mesh.domain.topology.index_map(2).size_local]
