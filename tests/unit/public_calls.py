@@ -409,6 +409,18 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("fold.Roll", length=1.0, bends=99, radius=0.03, flat=0.1, width=0.1, opening=1e-4)
     add("fold.Star", n=8, side=0.04, columns=2, reach=20, gap=1e-4)
     add(
+        "fold.TubeZigzag",
+        length=0.25,
+        diameter=0.03,
+        cells=4,
+        panels=2,
+        stub=0.045,
+        angle=1.4,
+        opening=1e-3,
+        lift=1e-4,
+        shortening=0.85,
+    )
+    add(
         "fold.Zigzag",
         length=1.0,
         panels=5,
