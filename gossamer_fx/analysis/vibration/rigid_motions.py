@@ -32,23 +32,17 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.point_constraints import multipliers_in_space
+from gossamer_fx.solve.system.connected_parts import Labels, connected, entries
 from gossamer_fx.solve.system.system import System
-
-Labels = npt.NDArray[np.int64]
 
 # Parts whose motions are examined: the description of more would not be read.
 MAX_PARTS = 64
 
 # Round-off of a product of a row of K with a vector, over the sum of the magnitudes of the row.
 ROW_ROUND_OFF = 16 * np.finfo(float).eps
-
-# Entries of K below this fraction of the largest of their row are round-off, and connect nothing.
-NEGLIGIBLE_ENTRY = 1e-14
 
 # Round-off of the rows of constraints in K R, where R moves the farthest node by one: [1] for
 # constraints in m, [1/m] for those of directions.  Constraints are satisfied to 1e-12.
@@ -152,7 +146,7 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     is_fixed = np.zeros(system.numbering.size_local, dtype=bool)
     is_fixed[system.supports.held] = True
     # Fixed components are left out: a support would otherwise connect parts that share it.
-    label = _connected(system, K, np.asarray(system.supports.held, dtype=np.int64))
+    label = connected(system, K, left_out=np.asarray(system.supports.held, dtype=np.int64))
 
     # Number the labels that are in use from 0, in the same way on every rank.
     labels_of_ranks = system.comm.allgather(np.unique(label[~is_fixed]))
@@ -160,88 +154,6 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     part = np.full(len(label), -1, dtype=np.int64)
     part[~is_fixed] = np.searchsorted(known, label[~is_fixed])
     return part, len(known)
-
-
-def _connected(system: System, A: PETSc.Mat, left_out: Labels) -> Labels:
-    """Labels (n,) of the unknowns of this rank, equal where entries of a matrix A connect them, or
-    where they are components of one node that are not among `left_out`.  Collective."""
-    numbering = system.numbering
-    n = numbering.size_local
-    rows, columns, _ = _entries(A)
-    is_left_out = np.zeros(n, dtype=bool)
-    is_left_out[left_out] = True
-
-    # Edges between unknowns of this rank, numbered from 0, and those of other ranks, numbered from
-    # n.
-    is_own = (columns >= numbering.start) & (columns < numbering.start + n)
-    others, index = np.unique(columns[~is_own], return_inverse=True)
-    targets = columns.copy()
-    targets[is_own] -= numbering.start
-    targets[~is_own] = n + index
-
-    # The components of a node belong together, even if no stiffness couples them.
-    node_sources, node_targets = _edges_within_nodes(system, is_left_out)
-    sources = np.concatenate([rows, node_sources])
-    targets = np.concatenate([targets, node_targets])
-    size = n + len(others)
-    ones = np.ones(len(sources), dtype=np.int8)
-    graph = csr_matrix((ones, (sources, targets)), shape=(size, size))
-    count, component = connected_components(graph, directed=False)
-    return _common_labels(system, component, count, others)
-
-
-def _edges_within_nodes(system: System, is_fixed: npt.NDArray[np.bool_]) -> tuple[Labels, Labels]:
-    """Edges of a graph that connect the free components of each node with each other: unknowns (m,)
-    at their first and second ends."""
-    sources: list[Labels] = []
-    targets: list[Labels] = []
-    for body in system.bodies:
-        owned = system.block(body).owned
-        unknowns = np.arange(owned.start, owned.stop)
-        components = unknowns.reshape(-1, body.block.size)
-        for i in range(1, body.block.size):
-            first = components[:, i - 1]
-            second = components[:, i]
-            are_free = ~is_fixed[first] & ~is_fixed[second]
-            sources.append(first[are_free])
-            targets.append(second[are_free])
-    return np.concatenate(sources), np.concatenate(targets)
-
-
-def _common_labels(system: System, component: Labels, count: int, others: Labels) -> Labels:
-    """Labels of the parts of this rank's unknowns (n,) that agree on all ranks: the smallest index
-    of an unknown in the part.  `component` has the parts, of `count`, on this rank alone: of its n
-    unknowns, and then of those of other ranks with the global indices `others`.  Collective."""
-    n = system.numbering.size_local
-    own_indices = system.numbering.start + np.arange(n)
-    smallest = np.full(count, np.iinfo(np.int64).max)
-    np.minimum.at(smallest, component[:n], own_indices)
-    vector = system.numbering.vector()
-    received = PETSc.Vec().createSeq(len(others))
-    source = PETSc.IS().createGeneral(others.astype(PETSc.IntType), comm=MPI.COMM_SELF)
-    scatter = PETSc.Scatter().create(vector, source, received, None)
-    # A part may extend over many ranks, so that the smallest index spreads from rank to rank.
-    has_changed = True
-    while has_changed:
-        vector.array[:] = smallest[component[:n]]
-        scatter.scatter(vector, received)
-        before = smallest.copy()
-        np.minimum.at(smallest, component[n:], received.array_r.astype(np.int64))
-        changed_here = bool((before != smallest).any())
-        has_changed = system.comm.allreduce(changed_here, op=MPI.LOR)
-    return smallest[component[:n]]
-
-
-def _entries(K: PETSc.Mat) -> tuple[Labels, Labels, Array]:
-    """Local rows, global columns and values of the entries of K that are more than round-off."""
-    pointers, columns, values = K.convert("aij", PETSc.Mat()).getValuesCSR()
-    size = len(pointers) - 1
-    rows = np.repeat(np.arange(size), np.diff(pointers))
-    magnitudes = np.abs(values)
-    largest = np.zeros(size)
-    np.maximum.at(largest, rows, magnitudes)
-    kept = magnitudes > NEGLIGIBLE_ENTRY * largest[rows]
-    return rows[kept].astype(np.int64), columns[kept].astype(np.int64), values[kept]
 
 
 # ---- free motions of each part -------------------------------------------------------------------
@@ -324,7 +236,7 @@ class _Holders:
 
     def __init__(self, system: System, part: Labels, count: int) -> None:
         self._comm = system.comm
-        piece = _connected(system, system.M, np.empty(0, dtype=np.int64))
+        piece = connected(system, system.M)
         self._piece = piece
         self._part = part
         end = _end_of_coordinates(system)
@@ -464,7 +376,7 @@ def _round_off(system: System, K: PETSc.Mat, errors: Array) -> Array:
     units of K R: [N/m] for positions, [N] for directors, [1] for constraints in m and [1/m] for
     those of directions.  `errors` (n,) [N/m] are the norms of the unbalanced forces of a part over
     its radius."""
-    rows, _, values = _entries(K)
+    rows, _, values = entries(K)
     sum_of_row = np.zeros(system.numbering.size_local)
     np.add.at(sum_of_row, rows, np.abs(values))
     D: Array = ROW_ROUND_OFF * sum_of_row
