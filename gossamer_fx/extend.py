@@ -31,7 +31,7 @@ Own kinds of terms
     what it computes with: `Coordinates`, `NumberedBlock`, `compile_form`, `compile_expression`;
     `PointMeasures`, `Gather`, `add_blocks`, `attach_all`
 Gas
-    `Volume`, `Opening`, `Wall`, `Enclosure`, `CompiledEnclosure`
+    `Holder`, a base of boundaries; `Volume`, `Opening`, `Wall`, `Enclosure`, `CompiledEnclosure`
 Steppers
     `Stepper`, `StepSolver`, `StressRule`
 Runs

@@ -56,6 +56,7 @@ from .mechanics.contact.stencils import BoundaryStencil as BoundaryStencil
 from .mechanics.contact.stencils import EdgeEdge as EdgeEdge
 from .mechanics.contact.stencils import PairStencil as PairStencil
 from .mechanics.contact.stencils import PointPlane as PointPlane
+from .mechanics.gas.contract import Holder as Holder
 from .mechanics.gas.contract import Opening as Opening
 from .mechanics.gas.contract import Volume as Volume
 from .mechanics.gas.contract import Wall as Wall

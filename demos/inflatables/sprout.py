@@ -778,7 +778,7 @@ def mean_tensions(satellite: Deployed) -> tuple[float, float]:
     assert film is not None
     thickness = film.law.thickness
     means = []
-    for field in ("stress1", "stress2"):
+    for field in ("second_piola_stress1", "second_piola_stress2"):
         values = gx.fields.field_values(satellite.statics, film, field=field)[1]
         total = film.comm.allreduce(float(values.sum()))
         count = film.comm.allreduce(len(values))

@@ -190,7 +190,7 @@ def problem(
     # The angle is given and the torque measured: the error of the angle at a given torque follows
     # by the slope.
     slope = (exact(1.01 * c).θ - exact(0.99 * c).θ) / (0.02 * c)
-    fields = FieldFunctions(search.system, film, ["stress1"])
+    fields = FieldFunctions(search.system, film, ["second_piola_stress1"])
     fields.update()
     return {
         "θ/exact": θ / (θ + slope * (measured - c)),

@@ -84,7 +84,7 @@ def spin(run: gx.Simulation) -> float:
 
 
 def stress(run: gx.Simulation, sail: Any) -> Array:
-    fields = FieldFunctions(run.system, sail, ["stress1"])
+    fields = FieldFunctions(run.system, sail, ["second_piola_stress1"])
     fields.update()
     return np.array(fields.functions[0].x.array)
 

@@ -198,6 +198,17 @@ def test_a_gradient_is_refused_by_name():
     assert any("'viscoelasticity' depends on its history" in words for words in found)
 
 
+def test_a_method_of_first_order_for_it_says_so(comm, caplog):
+    body = cable(comm)
+    relaxing = gx.loads.Viscoelasticity(body, ratios=(0.8,), times=(2e-3,), name="branch")
+    gx.Simulation(gx.Scene(body, relaxing), gx.GeneralizedAlpha(dt=2e-4))
+    if comm.rank == 0:
+        assert "('branch'), for which this method is of first order only" in caplog.text
+    caplog.clear()
+    gx.Simulation(gx.Scene(body), gx.GeneralizedAlpha(dt=2e-4))
+    assert "first order" not in caplog.text
+
+
 # ---- films that wrinkle, and damping that is flat over a band ------------------------------------
 
 STRETCH = 2e-3  # of a strip that is taut

@@ -44,7 +44,7 @@ def inflate(cells: int, until: float) -> dict[str, float]:
     stresses = []
     for t in until - np.linspace(0.02, 0.0, 9):  # it still vibrates a little: its mean
         run.run(until=t)
-        _, σ1 = gx.fields.field_values(run, film, field="stress1", at="end")
+        _, σ1 = gx.fields.field_values(run, film, field="second_piola_stress1", at="end")
         # Three equal values of each cell
         stresses.append(σ1.reshape(-1, 3)[at_M].mean())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
 from gossamer_fx.solve.steppers.step_control import LocalError
@@ -232,3 +234,103 @@ def test_a_rest_that_is_a_millionth_of_a_step_is_one_short_step():
     assert run.time == 1e-3 + 1e-10
     assert run.step == 2
     assert abs(run.energy_error) < 1e-12 * run.totals.energy
+
+
+# ---- the error that is reached, by stepper -------------------------------------------------------
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+# Masses [kg] at the start, springs between numbers of masses or a point, and gravity.
+OSCILLATOR = ([(1.0, (0.3, 0.0, 0.0))], [(0, (0.0, 0.0, -3.0), 40.0, 2.5)], False)
+PENDULUM = ([(2.0, (0.8, 0.0, -0.6))], [(0, (0.0, 0.0, 0.0), 400.0, 1.0)], True)
+PAIR = (
+    [(1.0, (0.5, 0.0, -1.0)), (3.0, (0.5, 0.8, -1.5))],
+    [(0, (0.0, 0.0, 0.0), 90.0, 1.0), (0, 1, 60.0, 0.7)],
+    True,
+)
+STEPPERS = {
+    "midpoint": gx.Midpoint(1e-3),
+    "stress at the end": gx.Midpoint(1e-3, rule=gx.steppers.EndPoint()),
+    "variational": gx.steppers.VariationalMidpoint(1e-3),
+    **{f"ρ = {ρ}": gx.GeneralizedAlpha(1e-3, spectral_radius=ρ) for ρ in (0.0, 0.5, 0.8, 1.0)},
+}
+
+
+class States(Steps):
+    """Notes the time, positions and velocities of masses after each step."""
+
+    def __init__(self, masses: list[gx.PointMass]) -> None:
+        super().__init__()
+        self._masses = masses
+        self.states: list[tuple[float, np.ndarray, np.ndarray]] = []
+
+    def record(self, run: gx.Simulation, last: bool) -> None:
+        parts = [run.system.state[mass] for mass in self._masses]
+        x = np.vstack([part.positions() for part in parts])
+        v = np.vstack([part.rates().reshape(-1, 3) for part in parts])
+        self.states.append((run.time, x.copy(), v.copy()))
+
+
+def masses_on_springs(scene, *others):
+    points, springs, falls = scene
+    masses = [gx.PointMass(m, at, name=f"mass {k}") for k, (m, at) in enumerate(points)]
+    items = [gx.Gravity(mass, tuple(GRAVITY)) for mass in masses if falls]
+    for k, (one, other, stiffness, length) in enumerate(springs):
+        end = gx.Ground(other) if isinstance(other, tuple) else masses[other].port()
+        items.append(
+            gx.connectors.Spring(
+                masses[one].port(), end, stiffness=stiffness, length=length, name=f"spring {k}"
+            )
+        )
+    return masses, gx.Scene(*masses, *items, *others)
+
+
+def exact_step(scene, x, v, h):
+    """Positions (n, 3) after a time h from positions and velocities, by another program."""
+    points, springs, falls = scene
+    m = np.array([mass for mass, _ in points])
+
+    def rates(_, y):
+        x, v = y.reshape(2, -1, 3)
+        a = np.tile(GRAVITY if falls else np.zeros(3), (len(m), 1))
+        for one, other, stiffness, length in springs:
+            d = x[one] - (np.array(other) if isinstance(other, tuple) else x[other])
+            distance = np.linalg.norm(d)
+            pull = -stiffness * (distance - length) * d / distance
+            a[one] += pull / m[one]
+            if not isinstance(other, tuple):
+                a[other] -= pull / m[other]
+        return np.stack([v, a]).ravel()
+
+    y0 = np.stack([x, v]).ravel()
+    found = solve_ivp(rates, (0, h), y0, rtol=1e-11, atol=1e-13)
+    return found.y[:, -1].reshape(2, -1, 3)[0]
+
+
+@pytest.mark.parametrize(
+    "scene", [OSCILLATOR, PENDULUM, PAIR], ids=["oscillator", "pendulum", "pair"]
+)
+@pytest.mark.parametrize("name", STEPPERS)
+def test_the_error_that_is_reached_is_the_one_that_was_asked_for(name, scene):
+    """The largest local error of a step is within a factor of 2 of the tolerance, for steppers of
+    any error constant, also where a mass of 10 t rests far away."""
+    tolerance = 1e-5
+    far = gx.PointMass(1e4, (1e3, 0.0, 0.0), name="far")
+    with_and_without = [()]
+    if name == "midpoint":
+        with_and_without.append((far,))
+    for others in with_and_without:
+        masses, compiled = masses_on_springs(scene, *others)
+        control = gx.StepControl(error=tolerance, target_iterations=50, max_factor=1.5)
+        noted = States(masses)
+        run = gx.Simulation(compiled, STEPPERS[name], outputs=[noted], control=control)
+        run.run(until=1.6)
+        m = np.array([mass for mass, _ in scene[0]])
+        reached = []
+        # The last steps are shortened to meet the end.
+        for before, after in itertools.pairwise(noted.states[10:-2]):
+            exact = exact_step(scene, before[1], before[2], after[0] - before[0])
+            squares = ((after[1] - exact) ** 2).sum(axis=1)
+            reached.append(math.sqrt(m @ squares / m.sum()))
+        assert len(reached) > 20
+        assert 0.5 < tolerance / max(reached) < 2

@@ -16,6 +16,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.records.outputs.tables import Table
 from gossamer_fx.records.plot import report
@@ -252,7 +253,7 @@ def scale_of(field: str, values: np.ndarray) -> Scale:
 
 def test_scales_show_what_matters() -> None:
     even = np.linspace(0, 1, 1001)
-    assert scale_of("stress1", 3e6 * even).label == (1e6, "Larger principal stress [MPa]")
+    assert scale_of("stress1", 3e6 * even).label == (1e6, "Larger principal stress (Cauchy) [MPa]")
     assert scale_of("stress1", 3e6 * even - 1.0).low == 0.0
     signed = scale_of("stress2", 3.0 * even - 1.0)
     assert signed.signed and signed.low == -signed.high
@@ -420,3 +421,35 @@ def test_processes_replace_a_file_by_files_of_their_own(tmp_path: Path) -> None:
     replace_file(tmp_path / "runs.csv", "a,b")
     assert (tmp_path / "runs.csv").read_text() == "a,b"
     assert (tmp_path / "runs.new").read_text() == "of another process"
+
+
+@pytest.mark.parametrize("control", [None, gx.StepControl(target_iterations=12, max_step=1e-2)])
+def test_frames_are_at_equal_times_with_and_without_step_control(
+    control: gx.StepControl | None, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A film that flies has steps that grow tenfold."""
+    film = gx.Membrane(
+        sheet(MPI.COMM_WORLD, 2, 2),
+        gx.Miyazaki(2.5e9, 0.34, density=1000.0, thickness=1e-3),
+        velocity=lambda X: 0 * X + [[1.0], [0], [0]],
+    )
+    scene = gx.Scene(film)
+    case = gx.Case(scene, gx.Midpoint(dt=1e-3), until=0.5, frames=25, control=control)
+    run = case.simulation([case.recording(tmp_path / "run")])
+    run.run(until=case.until)
+    times = gx.plot.RunReader(tmp_path / "run").times
+    assert len(times) == 26
+    # Each at the end of the step that contains it.
+    late = times - 0.02 * np.arange(26)
+    assert (late > -1e-12).all() and (late < 1.1e-2).all()
+    assert "are missing" not in caplog.text
+
+
+def test_records_that_long_steps_leave_out_are_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    scene = gx.Scene(gx.PointMass(1.0, comm=MPI.COMM_WORLD))
+    recording = gx.Recording(tmp_path / "run", interval=0.01)
+    gx.Simulation(scene, gx.Midpoint(dt=0.05), outputs=[recording]).run(until=0.1)
+    if MPI.COMM_WORLD.rank == 0:
+        assert "8 of the records that were asked for, 0.01 s apart, are missing" in caplog.text

@@ -421,6 +421,11 @@ class Search:
                 if self._longest_advance < MIN_WAY_RATIO * abs(remaining):
                     raise
 
+    @property
+    def unbalanced_forces(self) -> Array:
+        """The forces [N] of the last `unbalanced`, of this rank's unknowns (n,)."""
+        return self._residual.array_r.copy()
+
     def unbalanced(self) -> tuple[float, float]:
         """Residual without inertia over the external force, and the external force [N], in the
         state and with the scalar unknowns of the last pseudo-step that converged.  A thousand

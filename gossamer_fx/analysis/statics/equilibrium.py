@@ -132,7 +132,7 @@ class Equilibrium:
         is_unloaded = external <= least
         if not is_unloaded:
             warn_of_lost_loads(search)
-        free, is_regular, unstable = assess(search, at)
+        found = assess(search, at)
         residual, load = search.unbalanced()
         is_within_tolerance = bool(residual <= self.search.tolerance)
         if is_unloaded:
@@ -146,9 +146,10 @@ class Equilibrium:
             cuts=search.cuts,
             seconds=time.process_time() - started,
             totals=self.system.totals(),
-            regular=is_regular,
-            free=free,
-            unstable=unstable,
+            regular=found.regular,
+            free=found.free.rigid,
+            slack=found.free.slack,
+            unstable=found.unstable,
             within_tolerance=is_within_tolerance,
             prestress=search.prestress.reached(),
         )
@@ -203,6 +204,8 @@ class Equilibrium:
         """Why the tangent may be singular, as a clause."""
         if self.result is not None and self.result.free:
             return f"nothing resists {listed(self.result.free)}"
+        if self.result is not None and self.result.slack:
+            return f"what is held is slack, without stiffness against {listed(self.result.slack)}"
         return "its tangent is singular, as of slack film or at a limit load"
 
     @property
@@ -252,6 +255,7 @@ class Equilibrium:
                     "regular": result.regular,
                     "negative eigenvalues": "unknown" if result.unstable < 0 else result.unstable,
                     "free motions": ", ".join(result.free) or "none",
+                    "slack": ", ".join(result.slack) or "none",
                     "iterations": result.iterations,
                     "pseudo-steps": result.steps,
                 },

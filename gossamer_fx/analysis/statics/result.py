@@ -12,10 +12,16 @@ from gossamer_fx.analysis.statics.prestress import (
     ReachedPrestress,
     lost_prestress_words,
 )
-from gossamer_fx.analysis.vibration.rigid_motions import free_motions, listed
+from gossamer_fx.analysis.vibration.rigid_motions import (
+    FreeMotions,
+    free_motions,
+    listed,
+    parts,
+)
 from gossamer_fx.analysis.vibration.spectrum import (
     UNKNOWN,
     active_multipliers,
+    count_beyond_round_off,
     count_unstable,
     is_symmetric,
 )
@@ -49,9 +55,11 @@ class EquilibriumResult:
             singular.
         free: rigid motions that no support or load resists, of each part that moves independently;
             the equilibrium is unique at most up to these.
-        unstable: number of negative eigenvalues of the stiffness: zero in a stable equilibrium; -1
-            where it is not known: the equilibrium is not regular, gas flows, or loads make the
-            stiffness unsymmetric.
+        slack: such motions of parts whose bodies are held against them, but have no stiffness
+            across, as film and cables without tension.
+        unstable: number of negative eigenvalues of the stiffness, also where something moves
+            freely: zero in a stable equilibrium; -1 where it is not known: the tangent is singular
+            for another reason, gas flows, or loads make the stiffness unsymmetric.
         within_tolerance: whether the residual reached the tolerance of the search, or without loads
             the round-off of the inner forces.  Otherwise that round-off has ended it earlier.
         prestress: of the films, cables and beams that have one, by their names: which stress or
@@ -82,6 +90,7 @@ class EquilibriumResult:
     unstable: int = UNKNOWN
     within_tolerance: bool = True
     prestress: Mapping[str, ReachedPrestress] = field(default_factory=dict)
+    slack: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """Residual, iterations and time, and what falls short, in words."""
@@ -94,9 +103,11 @@ class EquilibriumResult:
             words.append("not within its tolerance")
         if self.free:
             words.append(f"nothing resists {listed(self.free)}")
-        elif not self.regular:
+        if self.slack:
+            words.append(f"slack against {listed(self.slack)}")
+        if not (self.regular or self.free or self.slack):
             words.append("not unique")
-        elif self.unstable > 0:
+        if self.unstable > 0:
             words.append("not stable")
         named = sorted(self.prestress.items(), key=lambda item: item[1].ratio)
         if len(named) > MAX_NAMED_PARTS:
@@ -109,30 +120,43 @@ class EquilibriumResult:
         return f"<EquilibriumResult: {self.summary()}>"
 
 
-def assess(search: Search, at: float) -> tuple[tuple[str, ...], bool, int]:
-    """Rigid motions that nothing resists, in words; whether the tangent without inertia is regular
-    under the loads of time `at` [s]: Newton's iteration starts once more from the solution; and the
-    number of its negative eigenvalues."""
+@dataclass(frozen=True)
+class Assessment:
+    """What nothing resists; whether the tangent without inertia is regular; and the number of its
+    negative eigenvalues."""
+
+    free: FreeMotions
+    regular: bool
+    unstable: int
+
+
+def assess(search: Search, at: float) -> Assessment:
+    """Look at the equilibrium under the loads of time `at` [s]: Newton's iteration without inertia
+    starts once more from it.  Collective."""
     converges = search.solve_without_inertia(at)
     system = search.system
-    unbalanced, load = search.unbalanced()
+    search.unbalanced()
     K = system.tangent()
     stiffnesses = []
     for scalars in system.scalar_unknowns:
         stiffnesses += scalars.static_stiffness()
-    free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
-    if free or not converges:
-        return free, False, UNKNOWN
+    part, count = parts(system, K)
+    free = free_motions(system, K, (part, count), search.unbalanced_forces, stiffnesses)
+    if free.rigid or free.slack:
+        # One part that moves freely does not hide that another one is not stable.
+        return Assessment(free, False, count_beyond_round_off(system, K, part, count))
+    if not converges:
+        return Assessment(free, False, UNKNOWN)
     # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.
     if system.scalar_unknowns:
-        return free, True, count_unstable(system, K)
+        return Assessment(free, True, count_unstable(system, K))
     if not is_symmetric(K):
-        return free, not factorisation.is_singular(K), UNKNOWN
+        return Assessment(free, not factorisation.is_singular(K), UNKNOWN)
     factors = factorisation.SymmetricFactors(factorisation.equilibrated(K))
     is_regular = not factors.is_singular()
     unstable = factors.negative - active_multipliers(system) if is_regular else UNKNOWN
     factors.destroy()
-    return free, is_regular, unstable
+    return Assessment(free, is_regular, unstable)
 
 
 def warn_of_lost_loads(search: Search) -> None:
@@ -177,17 +201,23 @@ def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
     if result.free:
         LOG.warning(
             "The equilibrium is not unique: nothing resists %s; "
-            "hold it by gx.Fixed, or flat film by a prestress, if it must not move.",
+            "hold it by gx.Fixed if it must not move.",
             listed(result.free),
         )
-    elif not result.regular:
+    if result.slack:
+        LOG.warning(
+            "The equilibrium is not unique: what is held is slack, without stiffness against %s; "
+            "give it a prestress (initial_stress, tension) or a load across, if its shape matters.",
+            listed(result.slack),
+        )
+    if not (result.regular or result.free or result.slack):
         LOG.warning(
             "The equilibrium is not regular: "
             "its tangent is singular or Newton's iteration without inertia does not converge, "
             "as in slack film or at a limit load; "
             "shape and modes of such parts are not unique."
         )
-    elif result.unstable > 0:
+    if result.unstable > 0:
         LOG.warning(
             "The equilibrium is not stable: its stiffness has %d negative eigenvalue%s, "
             "as in a balloon beyond its largest pressure or in film under compression; "

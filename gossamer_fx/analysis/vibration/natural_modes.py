@@ -366,6 +366,8 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
         return
     if equilibrium.comm.rank == 0:
         reason = "film is slack"
+        if result.slack:
+            reason = f"what is held is slack against {listed(result.slack)}"
         if result.free:
             reason = f"nothing resists {listed(result.free)}, or film is slack"
         LOG.warning(

@@ -32,23 +32,17 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.point_constraints import multipliers_in_space
+from gossamer_fx.solve.system.connected_parts import Labels, connected, entries
 from gossamer_fx.solve.system.system import System
-
-Labels = npt.NDArray[np.int64]
 
 # Parts whose motions are examined: the description of more would not be read.
 MAX_PARTS = 64
 
 # Round-off of a product of a row of K with a vector, over the sum of the magnitudes of the row.
 ROW_ROUND_OFF = 16 * np.finfo(float).eps
-
-# Entries of K below this fraction of the largest of their row are round-off, and connect nothing.
-NEGLIGIBLE_ENTRY = 1e-14
 
 # Round-off of the rows of constraints in K R, where R moves the farthest node by one: [1] for
 # constraints in m, [1/m] for those of directions.  Constraints are satisfied to 1e-12.
@@ -58,9 +52,16 @@ CONSTRAINT_ROUND_OFF = 1e-10
 # of a straight line about its axis.
 NO_MOTION = 1e-8
 
-# Rotations below the first number, over the largest one, count as none; so do all below the second.
+# What a rotation moves, over the largest move of a motion, below which it counts as none.
 NEGLIGIBLE_ROTATION = 1e-6
-NO_ROTATION = 1e-8
+
+# Distance of the nodes of a part from each other, over the extent of the scene and its distance
+# from the origin, up to which they lie at one point.  Joints hold within 1e-12 of the extent.
+ONE_POINT = 1e-10
+
+# What a motion would move at fixed coordinates of its bodies, over what it moves at free ones, from
+# which on these hold the bodies against it.
+HELD_MOTION = 1e-6
 
 # Translations below this, over the largest one, are round-off of their basis.
 NEGLIGIBLE_TRANSLATION = 1e-8
@@ -97,25 +98,42 @@ class _Nodes:
         return arms
 
 
+@dataclass(frozen=True)
+class FreeMotions:
+    """What nothing resists, in words, each once and the same on every rank.
+
+    Attributes:
+        rigid: rigid motions of parts, such as "translation z of 'film'".
+        slack: motions of the same form, but of parts whose bodies are held against them elsewhere:
+            the bodies have no stiffness across, as film and cables without tension.
+    """
+
+    rigid: tuple[str, ...]
+    slack: tuple[str, ...]
+
+
 def free_motions(
-    system: System, K: PETSc.Mat, unbalanced: float, stiffnesses: Sequence[tuple[Array, float]] = ()
-) -> tuple[str, ...]:
-    """Rigid motions of the first `MAX_PARTS` parts that nothing resists, in words such as
-    "translation z of 'film'", the same on every rank.  K is the tangent at equilibrium without
-    inertia and fixed coordinates, to which `stiffnesses` (g, κ) add κ g⊗g, as of gas; K R c is zero
-    within the residual `unbalanced` [N].  Collective."""
-    part, count = parts(system, K)
-    found: list[str] = []
-    for bodies, centre, motions in _motions(system, K, part, count, unbalanced, stiffnesses):
-        if not motions.size:
-            continue
+    system: System,
+    K: PETSc.Mat,
+    parts_of_scene: tuple[Labels, int],
+    unbalanced: Array,
+    stiffnesses: Sequence[tuple[Array, float]] = (),
+) -> FreeMotions:
+    """Rigid motions of the first `MAX_PARTS` parts, as of `parts`, that nothing resists.  K is the
+    tangent at equilibrium without inertia and fixed coordinates, to which `stiffnesses` (g, κ) add
+    κ g⊗g, as of gas; `unbalanced` (n,) are the forces [N] that are left there.  Collective."""
+    part, count = parts_of_scene
+    rigid: list[str] = []
+    slack: list[str] = []
+    for found in _motions(system, K, part, count, unbalanced, stiffnesses):
         # In a scene of one part there is nothing to distinguish.
         owner = ""
         if count > 1:
-            owner = f" of {' and '.join(bodies)}"
-        for description in _describe(motions, centre):
-            found.append(description + owner)
-    return tuple(found)
+            owner = f" of {' and '.join(found.bodies)}"
+        for motions, words in ((found.rigid, rigid), (found.slack, slack)):
+            for description in _describe(motions, found.centre, found.radius):
+                words.append(description + owner)
+    return FreeMotions(tuple(dict.fromkeys(rigid)), tuple(dict.fromkeys(slack)))
 
 
 # ---- parts ---------------------------------------------------------------------------------------
@@ -125,94 +143,32 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     """Divide the unknowns of a scene into parts that no entry of the tangent K connects: the part
     (n,) of each unknown of this rank, -1 where it is fixed, and the number of parts on all ranks.
     Collective."""
-    numbering = system.numbering
-    n = numbering.size_local
-    rows, columns, _ = _entries(K)
-    is_fixed = np.zeros(n, dtype=bool)
+    is_fixed = np.zeros(system.numbering.size_local, dtype=bool)
     is_fixed[system.supports.held] = True
-
-    # Edges between unknowns of this rank, numbered from 0, and those of other ranks, numbered from
-    # n.
-    is_own = (columns >= numbering.start) & (columns < numbering.start + n)
-    others, index = np.unique(columns[~is_own], return_inverse=True)
-    targets = columns.copy()
-    targets[is_own] -= numbering.start
-    targets[~is_own] = n + index
-
-    # The components of a node belong together, even if no stiffness couples them.  Fixed components
-    # are left out: a support would otherwise connect parts that share it.
-    node_sources, node_targets = _edges_within_nodes(system, is_fixed)
-    sources = np.concatenate([rows, node_sources])
-    targets = np.concatenate([targets, node_targets])
-    size = n + len(others)
-    ones = np.ones(len(sources), dtype=np.int8)
-    graph = csr_matrix((ones, (sources, targets)), shape=(size, size))
-    count, component = connected_components(graph, directed=False)
+    # Fixed components are left out: a support would otherwise connect parts that share it.
+    label = connected(system, K, left_out=np.asarray(system.supports.held, dtype=np.int64))
 
     # Number the labels that are in use from 0, in the same way on every rank.
-    label = _common_labels(system, component, count, others)
     labels_of_ranks = system.comm.allgather(np.unique(label[~is_fixed]))
     known = np.unique(np.concatenate(labels_of_ranks))
-    part = np.full(n, -1, dtype=np.int64)
+    part = np.full(len(label), -1, dtype=np.int64)
     part[~is_fixed] = np.searchsorted(known, label[~is_fixed])
     return part, len(known)
 
 
-def _edges_within_nodes(system: System, is_fixed: npt.NDArray[np.bool_]) -> tuple[Labels, Labels]:
-    """Edges of a graph that connect the free components of each node with each other: unknowns (m,)
-    at their first and second ends."""
-    sources: list[Labels] = []
-    targets: list[Labels] = []
-    for body in system.bodies:
-        owned = system.block(body).owned
-        unknowns = np.arange(owned.start, owned.stop)
-        components = unknowns.reshape(-1, body.block.size)
-        for i in range(1, body.block.size):
-            first = components[:, i - 1]
-            second = components[:, i]
-            are_free = ~is_fixed[first] & ~is_fixed[second]
-            sources.append(first[are_free])
-            targets.append(second[are_free])
-    return np.concatenate(sources), np.concatenate(targets)
-
-
-def _common_labels(system: System, component: Labels, count: int, others: Labels) -> Labels:
-    """Labels of the parts of this rank's unknowns (n,) that agree on all ranks: the smallest index
-    of an unknown in the part.  `component` has the parts, of `count`, on this rank alone: of its n
-    unknowns, and then of those of other ranks with the global indices `others`.  Collective."""
-    n = system.numbering.size_local
-    own_indices = system.numbering.start + np.arange(n)
-    smallest = np.full(count, np.iinfo(np.int64).max)
-    np.minimum.at(smallest, component[:n], own_indices)
-    vector = system.numbering.vector()
-    received = PETSc.Vec().createSeq(len(others))
-    source = PETSc.IS().createGeneral(others.astype(PETSc.IntType), comm=MPI.COMM_SELF)
-    scatter = PETSc.Scatter().create(vector, source, received, None)
-    # A part may extend over many ranks, so that the smallest index spreads from rank to rank.
-    has_changed = True
-    while has_changed:
-        vector.array[:] = smallest[component[:n]]
-        scatter.scatter(vector, received)
-        before = smallest.copy()
-        np.minimum.at(smallest, component[n:], received.array_r.astype(np.int64))
-        changed_here = bool((before != smallest).any())
-        has_changed = system.comm.allreduce(changed_here, op=MPI.LOR)
-    return smallest[component[:n]]
-
-
-def _entries(K: PETSc.Mat) -> tuple[Labels, Labels, Array]:
-    """Local rows, global columns and values of the entries of K that are more than round-off."""
-    pointers, columns, values = K.convert("aij", PETSc.Mat()).getValuesCSR()
-    size = len(pointers) - 1
-    rows = np.repeat(np.arange(size), np.diff(pointers))
-    magnitudes = np.abs(values)
-    largest = np.zeros(size)
-    np.maximum.at(largest, rows, magnitudes)
-    kept = magnitudes > NEGLIGIBLE_ENTRY * largest[rows]
-    return rows[kept].astype(np.int64), columns[kept].astype(np.int64), values[kept]
-
-
 # ---- free motions of each part -------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _PartMotions:
+    """Motions of one part that nothing resists: names of its bodies, centre (3,) and radius [m],
+    and motions (6, k), velocity of the centre and angular velocity, as of `FreeMotions`."""
+
+    bodies: list[str]
+    centre: Array
+    radius: float
+    rigid: Array
+    slack: Array
 
 
 def _motions(
@@ -220,12 +176,11 @@ def _motions(
     K: PETSc.Mat,
     part: Labels,
     count: int,
-    unbalanced: float,
+    unbalanced: Array,
     stiffnesses: Sequence[tuple[Array, float]],
-) -> Iterator[tuple[list[str], Array, Array]]:
-    """Yield the free motions of each part, at most `MAX_PARTS` of them: names of the bodies, centre
-    (3,) [m], and k motions (6, k), velocity of the centre and angular velocity.  A stiffness below
-    the force `unbalanced` [N] is not known.  Collective."""
+) -> Iterator[_PartMotions]:
+    """Yield the motions of each part that nothing resists, of at most `MAX_PARTS` parts.  A
+    stiffness below the forces `unbalanced` (n,) [N] of its part is not known.  Collective."""
     # Where all unknowns are fixed, nothing can move.
     if count == 0:
         return
@@ -233,15 +188,20 @@ def _motions(
     nodes = [_nodes_of(system, k, part) for k in range(len(system.bodies))]
     names = _names(system, nodes, count)
     centre = _centres(comm, nodes, count)
-    radius = _radii(comm, nodes, centre)
+    radius = _radii(system, nodes, centre)
     R = _rigid_motions(system, nodes, part, centre, radius)
     # Fixed unknowns do not move; what is tied to them resists.
     is_free = part >= 0
     R[:, ~is_free] = 0
-    # A rotation by one over the radius moves the farthest node by one: the smallest part has the
-    # largest error.
-    error = unbalanced / radius.min(initial=1.0)
-    D = _round_off(system, K, error)
+    # A rotation by one over the radius turns the inner forces of a part with it, and changes an
+    # unbalanced force f by f over the radius.
+    is_coordinate = np.arange(len(part)) < _end_of_coordinates(system)
+    counts = is_free & is_coordinate
+    squares = np.zeros(count)
+    np.add.at(squares, part[counts], unbalanced[counts] ** 2)
+    comm.Allreduce(MPI.IN_PLACE, squares)
+    errors = np.where(is_free, (np.sqrt(squares) / radius)[part], 0.0)
+    D = _round_off(system, K, errors)
     for gradient, stiffness in stiffnesses:
         size_of_gradient = comm.allreduce(float(np.abs(gradient).sum()))
         D += ROW_ROUND_OFF * stiffness * size_of_gradient * np.abs(gradient)
@@ -256,7 +216,7 @@ def _motions(
             volume_change = comm.allreduce(float(gradient @ R[i]))
             force += stiffness * volume_change * gradient
         Y[i] = np.where(is_free, force / D, 0.0)
-    is_coordinate = np.arange(len(part)) < _end_of_coordinates(system)
+    holders = _Holders(system, part, count)
     for c in range(min(count, MAX_PARTS)):
         in_part = part == c
         size = comm.allreduce(int(in_part.sum()))
@@ -266,7 +226,60 @@ def _motions(
         motions = _null_space(forces, moved, size)
         # Rotations were scaled by the radius.
         motions[3:] /= radius[c]
-        yield names[c], centre[c], motions
+        rigid, slack = holders.divide(c, motions, centre[c], float(radius[c]))
+        yield _PartMotions(names[c], centre[c], float(radius[c]), rigid=rigid, slack=slack)
+
+
+class _Holders:
+    """The fixed coordinates of what each part is connected to by its bodies, whether or not these
+    have stiffness: the mass connects the nodes of a cell."""
+
+    def __init__(self, system: System, part: Labels, count: int) -> None:
+        self._comm = system.comm
+        piece = connected(system, system.M)
+        self._piece = piece
+        self._part = part
+        end = _end_of_coordinates(system)
+        held = system.supports.held
+        self._held = held[held < end]
+        # Each of these is one of three components of a position or a director.
+        self._components = np.empty(len(self._held), dtype=np.int64)
+        self._vectors = np.zeros((len(self._held), 3))
+        self._are_positions = np.zeros(len(self._held), dtype=bool)
+        q = system.q0.array_r
+        for body in system.bodies:
+            owned = system.block(body).owned
+            inside = (self._held >= owned.start) & (self._held < owned.stop)
+            index = self._held[inside] - owned.start
+            component = index % body.block.size
+            self._components[inside] = component % 3
+            self._are_positions[inside] = component < 3
+            first = self._held[inside] - component % 3
+            self._vectors[inside] = q[first[:, None] + np.arange(3)]
+
+    def divide(self, c: int, motions: Array, centre: Array, radius: float) -> tuple[Array, Array]:
+        """Divide motions (6, k) of part c into those that the fixed coordinates of its bodies
+        allow, and a complement of them, which they do not.  Collective."""
+        if not motions.size:
+            return motions, motions
+        own_pieces = np.unique(self._piece[self._part == c])
+        gathered = np.unique(np.concatenate(self._comm.allgather(own_pieces)))
+        concerned = np.isin(self._piece[self._held], gathered)
+        arms = self._vectors[concerned] - np.where(
+            self._are_positions[concerned][:, None], centre, 0.0
+        )
+        rows = self._components[concerned]
+        moves = np.zeros((len(rows), motions.shape[1]))
+        for k in range(motions.shape[1]):
+            velocities = np.cross(motions[3:, k], arms)
+            velocities[self._are_positions[concerned]] += motions[:3, k]
+            moves[:, k] = velocities[np.arange(len(rows)), rows]
+        square = self._comm.allreduce(moves.T @ moves)
+        values, vectors = np.linalg.eigh(square)
+        # Motions move the farthest node of the part by about one.
+        sizes = np.linalg.norm(np.vstack([motions[:3], motions[3:] * radius]), axis=0)
+        is_allowed = np.sqrt(np.maximum(values, 0.0)) < HELD_MOTION * max(sizes.max(), TINY)
+        return motions @ vectors[:, is_allowed], motions @ vectors[:, ~is_allowed]
 
 
 def _nodes_of(system: System, k: int, part: Labels) -> _Nodes:
@@ -308,15 +321,27 @@ def _centres(comm: MPI.Intracomm, nodes: Sequence[_Nodes], count: int) -> Array:
     return sums[:, :3] / node_counts
 
 
-def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array:
-    """Longest arm of each part [m], (parts,); 1 for a single point."""
+def _radii(system: System, nodes: Sequence[_Nodes], centre: Array) -> Array:
+    """Longest arm of each part [m], (parts,); 1 for a single point.  The arms of nodes that lie at
+    one point within round-off, as the ends of ropes in a joint, become zero.  Collective."""
+    comm = system.comm
     radius = np.zeros(len(centre))
+    spread = np.zeros(len(centre))
     for one in nodes:
-        arms = one.arms(centre)[one.is_free]
-        longest = np.linalg.norm(arms, axis=2).max(axis=1, initial=0.0)
-        np.maximum.at(radius, one.part[one.is_free], longest)
+        arms = np.linalg.norm(one.arms(centre)[one.is_free], axis=2)
+        part = one.part[one.is_free]
+        np.maximum.at(radius, part, arms.max(axis=1, initial=0.0))
+        np.maximum.at(spread, part, arms[:, 0])
     comm.Allreduce(MPI.IN_PLACE, radius, op=MPI.MAX)
-    return np.where(radius > 0, radius, 1.0)
+    comm.Allreduce(MPI.IN_PLACE, spread, op=MPI.MAX)
+    # Joints hold within a fraction of the extent; positions have the round-off of coordinates.
+    round_off = ONE_POINT * (system.initial.extent() + np.abs(centre).max(axis=1, initial=0.0))
+    is_point = spread <= round_off
+    for one in nodes:
+        moved = one.is_free & is_point[np.maximum(one.part, 0)]
+        one.vectors[moved, 0] = centre[one.part[moved]]
+    # The directors of nodes at one point have the size one.
+    return np.where(is_point & (radius <= round_off), 1.0, radius)
 
 
 def _rigid_motions(
@@ -346,13 +371,12 @@ def _rigid_motions(
     return R
 
 
-def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
+def _round_off(system: System, K: PETSc.Mat, errors: Array) -> Array:
     """Error of each row of K R: the numbers D (n,) of equation (1) of the module, positive, in the
     units of K R: [N/m] for positions, [N] for directors, [1] for constraints in m and [1/m] for
-    those of directions.  `unbalanced` [N/m] is the norm of the residual over the radius of the
-    smallest part, of at most 1 m: a rotation turns the inner forces of a part with it, and changes
-    a residual f by the angle times f."""
-    rows, _, values = _entries(K)
+    those of directions.  `errors` (n,) [N/m] are the norms of the unbalanced forces of a part over
+    its radius."""
+    rows, _, values = entries(K)
     sum_of_row = np.zeros(system.numbering.size_local)
     np.add.at(sum_of_row, rows, np.abs(values))
     D: Array = ROW_ROUND_OFF * sum_of_row
@@ -360,7 +384,8 @@ def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
         D[system.constraints.owned] += CONSTRAINT_ROUND_OFF
     # Multipliers follow the coordinates of the bodies, and have no unbalanced force.  The factor of
     # two is a margin.
-    D[: _end_of_coordinates(system)] += 2 * unbalanced
+    end = _end_of_coordinates(system)
+    D[:end] += 2 * errors[:end]
     # Rows of zeros give zeros, whatever they are divided by.
     return np.where(D > 0, D, 1.0)
 
@@ -399,17 +424,19 @@ def _null_space(forces: Array, moved: Array, n: int) -> Array:
 # ---- words ---------------------------------------------------------------------------------------
 
 
-def _describe(motions: Array, centre: Array) -> list[str]:
-    """Translations and rotations in words that span k motions (6, k) of a part, its velocity at the
-    centre (3,) [m] and its angular velocity; along the coordinate axes if possible."""
-    # Combinations whose angular velocity is zero are translations, all others rotations.
-    ω = motions[3:]
+def _describe(motions: Array, centre: Array, radius: float) -> list[str]:
+    """Translations and rotations in words that span k motions (6, k) of a part of a radius [m], its
+    velocity at the centre (3,) [m] and its angular velocity; along the coordinate axes if
+    possible."""
+    if not motions.size:
+        return []
+    # Combinations whose rotation moves no node, compared with their velocity, are translations, all
+    # others rotations.
+    ω = motions[3:] * radius
+    size = np.abs(np.vstack([motions[:3], ω])).max()
     svd = np.linalg.svd(ω, full_matrices=True)
     # Number of independent rotations; the last rows of Vh are the combinations without any.
-    rank = 0
-    if svd.S.max(initial=0.0) > NO_ROTATION:
-        threshold = NEGLIGIBLE_ROTATION * np.abs(ω).max()
-        rank = int((threshold < svd.S).sum())
+    rank = int((NEGLIGIBLE_ROTATION * size < svd.S).sum())
     translations = motions @ svd.Vh[rank:].T
     rotations = _aligned(motions @ svd.Vh[:rank].T)
 

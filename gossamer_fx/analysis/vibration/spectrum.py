@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array
@@ -14,6 +16,10 @@ from gossamer_fx.solve.system.system import System
 
 # What `count_unstable` returns where stability is not known.
 UNKNOWN = -1
+
+# Squares of frequencies over |K|/|M| up to which they count as round-off, where free motions have
+# the frequency zero.
+COUNTED_FROM = 1e-10
 
 # Norm of K - Kᵀ over that of K, up to which a stiffness counts as symmetric: round-off.
 SYMMETRY = 1e-10
@@ -92,6 +98,40 @@ def count_unstable(system: System, K: PETSc.Mat) -> int:
     # The matrix of which these are pivots has one of -1/κ for each gas.
     negative -= sum(stiffness > 0 for _, stiffness in stiffnesses)
     return negative - active_multipliers(system)
+
+
+def count_beyond_round_off(
+    system: System, K: PETSc.Mat, part: npt.NDArray[np.int64], parts: int
+) -> int:
+    """As `count_unstable`, of a stiffness that is singular where parts of the scene move freely:
+    the number of eigenvalues ω² below the round-off of the part, of which there are `parts`;
+    `part` (n,) is that of each unknown of this rank, -1 where it is fixed.  Collective."""
+    comm = system.comm
+    is_free = part >= 0
+    sizes = []
+    for matrix in (K, system.M):
+        pointers, _, values = matrix.convert("aij", PETSc.Mat()).getValuesCSR()
+        rows = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
+        squares = np.zeros(parts)
+        concerned = is_free[rows]
+        np.add.at(squares, part[rows[concerned]], values[concerned] ** 2)
+        comm.Allreduce(MPI.IN_PLACE, squares)
+        sizes.append(np.sqrt(squares))
+    stiffnesses, masses = sizes
+    squares = np.divide(stiffnesses, masses, out=np.zeros(parts), where=masses > 0)
+    # A part without any stiffness has that of the others.
+    shifts = COUNTED_FROM * np.where(squares > 0, squares, squares.max(initial=0.0))
+    M = system.M.copy()
+    system.supports.clear(M, 0.0)
+    scale = M.createVecLeft()
+    scale.array[:] = np.where(is_free, np.sqrt(shifts[part]), 0.0)
+    M.diagonalScale(scale, scale)
+    shifted = K.copy()
+    shifted.axpy(1.0, M, DIFFERENT_PATTERN)
+    unstable = count_unstable(system, shifted)
+    for each in (M, shifted, scale):
+        each.destroy()
+    return unstable
 
 
 def active_multipliers(system: System) -> int:

@@ -192,7 +192,8 @@ class Actuators(PointLoads):
         for k, actuation in self._actuations():
             X0, X1, X = ends[k]
             work = float(self._laws[k].force(X) @ (X1 - X0))
-            work += actuation.energy(t + self._system.h) - actuation.energy(t)
+            if not self._system.rule.is_static:
+                work += actuation.energy(t + self._system.h) - actuation.energy(t)
             # The system asks once in each accepted step.
             actuation.work += work
             if self._mine[k]:

@@ -78,26 +78,24 @@ Gases = tuple[Gas, Gas]
 Pair = tuple[complex, complex]
 
 
-@runtime_checkable
-class Holder(Protocol):
-    """A gas boundary of constant state: gas comes from it or goes to it, and it does not change, as
-    reservoirs and the surroundings."""
+class Holder:
+    """Base of gas boundaries of constant state: gas comes from one or goes to it, and it does not
+    change, as reservoirs and the surroundings.
 
-    @property
-    def name(self) -> str:
-        """Name in messages."""
+    Openings have a pressure and a temperature, too, so that a class is a boundary because it is
+    derived from this one, and not because of its members.
 
-    @property
-    def pressure(self) -> float:
-        """Absolute pressure [Pa]."""
+    Attributes:
+        name: in messages.
+        pressure: absolute [Pa].
+        temperature: [K].
+        gas: what it supplies; None for the gas of the scene, if that has one species.
+    """
 
-    @property
-    def temperature(self) -> float:
-        """Temperature [K]."""
-
-    @property
-    def gas(self) -> Gas | None:
-        """The gas that it supplies; None for the gas of the scene, if that has one species."""
+    name: str
+    pressure: float
+    temperature: float
+    gas: Gas | None
 
 
 @runtime_checkable

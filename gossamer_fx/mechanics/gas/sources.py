@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Gases, Pair, Volume
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Gases, Holder, Pair, Volume
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.openings import Connection, LinearTable, Orifice
 from gossamer_fx.mechanics.gas.surface import Geometry
@@ -101,7 +101,7 @@ class Regulator(Orifice):
 
 
 @dataclass(eq=False)
-class _Jet:
+class _Jet(Holder):
     """The end of an inflator from which its gas comes, with its temperature [K] in the present
     step; the flow does not depend on its pressure [Pa]."""
 

@@ -11,7 +11,7 @@ from gossamer_fx.core.checks.arguments import check_arguments, not_negative, pos
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.bodies.edge_lines import SewnEdges
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.contract import Gas
+from gossamer_fx.mechanics.gas.contract import Gas, Holder
 from gossamer_fx.mechanics.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
@@ -23,7 +23,7 @@ Temperature = Annotated[float, positive("K")]
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Ambient:
+class Ambient(Holder):
     """The surroundings or a supply of gas: constant pressure, by default a vacuum, and constant
     temperature.
 

@@ -269,6 +269,10 @@ class Drags(Loads):
         super().begin_step(t)
 
     def supplied(self) -> float:
+        """Work [J] of the wind in the step, this rank's share.  In a search for rest a power times
+        its pseudo-time means nothing: there it is the work of the force on the displacement."""
+        if self._system.rule.is_static:
+            return super().supplied()
         return float(sum(fem.assemble_scalar(form) for form in self._given))
 
     def dissipated(self) -> Array:

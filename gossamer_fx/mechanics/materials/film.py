@@ -81,6 +81,11 @@ def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
 
 
 # SI units of the numbers of laws, by name; numbers of other names are taken for pure numbers.
+# Squares of the ratios of thickness and area, below which a shown stress counts them as this: no
+# film is so thin, but the moduli of small strain allow it.
+SMALLEST_THICKNESS_SQUARE = 1e-4
+SMALLEST_AREA_SQUARE = 1e-8
+
 UNITS = {
     "E": "Pa",
     "E1": "Pa",
@@ -108,6 +113,12 @@ def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]
         for field in fields(law)
         if hasattr(coefficients, field.name) and (not has_derived or field.name == "density")
     )
+
+
+def area_ratio(e: Expr) -> Expr:
+    """Present area over the one of which e = (E11, E22, 2 E12) is the strain."""
+    tr, det = invariants(e)
+    return ufl.sqrt(ufl.max_value(1 + 2 * tr + 4 * det, SMALLEST_AREA_SQUARE))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +177,11 @@ class FilmLaw:
         """The strain e at which taut film has the stress S = (S11, S22, S12) [N/m]."""
         raise TypeError(f"{type(self).__name__} has no strain of a given stress")
 
+    def volume_ratio(self, e: Expr, c: Any) -> Expr:
+        """Present volume of the material over that of the mesh, at the strain e of its surface
+        without wrinkles: by default its thickness stays."""
+        return area_ratio(e)
+
     def bending_stiffness(self, c: Any) -> BendingStiffness:
         """The bending stiffness of a plate of this material, uniform across its thickness."""
         raise TypeError(f"{type(self).__name__} has no bending stiffness")
@@ -200,6 +216,11 @@ class IsotropicFilm(FilmLaw):
                 2 * (1 + c.nu) * S[2] / stiffness,
             ]
         )
+
+    def volume_ratio(self, e: Expr, c: Any) -> Expr:
+        # No stress across the film: E33 = -ν/(1 - ν) (E11 + E22)
+        across = 1 - 2 * c.nu / (1 - c.nu) * (e[0] + e[1])
+        return area_ratio(e) * ufl.sqrt(ufl.max_value(across, SMALLEST_THICKNESS_SQUARE))
 
     def bending_stiffness(self, c: Any) -> BendingStiffness:
         return IsotropicBending(c.E * c.thickness**3 / (12 * (1 - c.nu**2)), c.nu)

@@ -119,6 +119,9 @@ class NeoHooke(FilmLaw):
         factor = (A11 * A22 - A12**2) ** (-2 / 3)
         return ufl.as_vector([(factor * A22 - 1) / 2, (factor * A11 - 1) / 2, -factor * A12])
 
+    def volume_ratio(self, e: Expr, c: Any) -> Expr:
+        return ufl.as_ufl(1.0)
+
     def _by_state(self, e: Expr, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
         """One of three expressions, by the state of the film at the strain e."""
         h, r = half_trace_and_radius(e)
@@ -159,6 +162,9 @@ class MooneyRivlin(FilmLaw):
 
     def energy(self, e: Expr, c: Any) -> Expr:
         return c.thickness * (c.C1 * _first_invariant(e) + c.C2 * _second_invariant(e))
+
+    def volume_ratio(self, e: Expr, c: Any) -> Expr:
+        return ufl.as_ufl(1.0)
 
     def unwrinkled(self) -> FilmLaw:
         return _SmallStrain(

@@ -460,8 +460,9 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
         attracted = (
             self.mass * flight.field @ ΔR + flight.field @ ΔS + S @ flight.gradient @ ΔR + deformed
         )
-        # All ranks know the sums; one of them reports.
-        if system.comm.rank != 0:
+        # All ranks know the sums; one of them reports.  The origin moves in time, and not in the
+        # pseudo-time of a search for rest.
+        if system.comm.rank != 0 or system.rule.is_static:
             return 0.0
         return float(attracted + others @ ΔR)
 

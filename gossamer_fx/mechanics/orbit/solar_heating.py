@@ -370,8 +370,10 @@ class FilmTemperatures:
         # In place: a restart writes to these arrays.
         self.T_before[:] = self.T
         self.T[:] = T
-        self._heat_absorbed += absorbed
-        self._heat_emitted += emitted
+        if not self._system.rule.is_static:
+            # The pseudo-time of a search for rest is none in which heat flows.
+            self._heat_absorbed += absorbed
+            self._heat_emitted += emitted
         self._pending = None
 
     def take_time(self, t: float) -> None:

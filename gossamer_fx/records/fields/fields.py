@@ -6,8 +6,12 @@
     elastic_strain1 ≥ elastic_strain2
                             principal strains less the thermal strain, of which stresses are
                             functions
-    stress1 ≥ stress2       principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the
-                            thickness [Pa]
+    stress1 ≥ stress2       principal Cauchy stresses of a film [Pa]: force over its present
+                            thickness and length
+    von_mises_stress        of the same stress [Pa], √(σ1² - σ1 σ2 + σ2²)
+    second_piola_stress1 ≥ second_piola_stress2
+                            principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the
+                            thickness of the stress-free film [Pa]
     direction               F n/|F n| with n the direction of strain1: the direction of tension on
                             the deformed film
     state                   0 slack, 1 wrinkled, 2 taut; in between where a step passes several
@@ -65,6 +69,7 @@ from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknown
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.materials.film import FilmLaw, area_ratio
 from gossamer_fx.mechanics.terms.element_energies import thermal_strain_of
 from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, tension
 from gossamer_fx.records.fields.body_shape import At, BodyShape
@@ -131,7 +136,35 @@ def _elastic_strains(shape: BodyShape) -> tuple[Expr, Expr]:
 
 
 def _stresses(shape: BodyShape) -> tuple[Expr, Expr]:
-    """Principal stresses [Pa], the larger one first."""
+    """Principal Cauchy stresses [Pa], the larger one first: those of U S U/J with the stretch U of
+    the surface and the volume J of the material, over that of the mesh."""
+    body = shape.body
+    S = shape.stress()
+    strain = body.strain_from_mesh(shape.q_acting)
+    stretched = strain
+    law = body.law
+    if type(law).taut_strain is not FilmLaw.taut_strain:
+        # Wrinkles shorten the mesh and not the material.
+        stretched = law.taut_strain(S, body.constants)
+        if body.initial_strain is not None:
+            stretched -= body.initial_strain
+    J = law.volume_ratio(stretched, body.constants)
+    # U = (C + √det C I)/√(tr C + 2 √det C) is the root of C = I + 2 E.
+    C = ufl.as_matrix([[1 + 2 * strain[0], strain[2]], [strain[2], 1 + 2 * strain[1]]])
+    area = area_ratio(strain)
+    U = (C + area * ufl.Identity(2)) / ufl.sqrt(ufl.tr(C) + 2 * area)
+    second_piola = ufl.as_matrix([[S[0], S[2]], [S[2], S[1]]]) / body.constants.thickness
+    return _principal(U * second_piola * U / J)
+
+
+def _von_mises(shape: BodyShape) -> Expr:
+    """Von Mises stress [Pa] of the Cauchy stress, which has no part across the film."""
+    σ1, σ2 = _stresses(shape)
+    return ufl.sqrt(σ1**2 - σ1 * σ2 + σ2**2)
+
+
+def _second_piola_stresses(shape: BodyShape) -> tuple[Expr, Expr]:
+    """Principal second Piola-Kirchhoff stresses [Pa], the larger one first."""
     S = shape.stress() / shape.body.constants.thickness
     # `half_trace_and_radius` takes twice the shear, as strains have it.
     mean, radius = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
@@ -205,6 +238,9 @@ FIELDS = {
     "elastic_strain2": Field((), _smaller(_elastic_strains), of_films=True),
     "stress1": Field((), _larger(_stresses), of_films=True),
     "stress2": Field((), _smaller(_stresses), of_films=True),
+    "von_mises_stress": Field((), _von_mises, of_films=True),
+    "second_piola_stress1": Field((), _larger(_second_piola_stresses), of_films=True),
+    "second_piola_stress2": Field((), _smaller(_second_piola_stresses), of_films=True),
     "direction": Field((3,), _direction, of_films=True),
     "state": Field((), film_state, of_films=True),
     "curvature1": Field((), _larger(_curvatures), of_films=True, of_plates=True),

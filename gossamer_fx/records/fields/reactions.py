@@ -14,7 +14,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines, Frame
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multipliers_of
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
@@ -53,11 +53,7 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     centre = np.asarray(about, dtype=float)
     # A support fixes coordinates, or holds rotations by constraints with multipliers, or both.
     terms = [t for t in system.terms_of(support) if isinstance(t, Support | PointConstraint)]
-    check(
-        bool(terms),
-        f"'{support.name}' is not a support of this scene; add it to the scene, or ask for one "
-        "that is in it.",
-    )
+    check(bool(terms), _not_found(system, support, "support"))
     total = np.zeros((2, 3))
     for term in terms:
         if isinstance(term, Support):
@@ -90,11 +86,7 @@ def joint_force(
     """
     centre = np.asarray(about, dtype=float)
     terms = [term for term in system.terms_of(joint) if isinstance(term, PointConstraint)]
-    check(
-        bool(terms),
-        f"'{joint.name}' is not a joint of this scene; add it to the scene, or ask for one that is "
-        "in it.",
-    )
+    check(bool(terms), _not_found(system, joint, "joint"))
     # The ground has no unknowns: the force on it is the opposite of that on the other side.
     second = list(_bodies(joint.b))
     sign, mine = (1.0, second) if second else (-1.0, list(_bodies(joint.a)))
@@ -108,6 +100,31 @@ def joint_force(
         total += sign * _constraint_share(system, term.measure, λ, on_side, centre)
     total = system.comm.allreduce(total)
     return total[0], total[1]
+
+
+def _not_found(system: System, item: NamedPart, wanted: str) -> str:
+    """Why the force of an item is not known as that of a support or joint, and what to ask for."""
+    name = item.name
+    for holder in system.items:
+        if getattr(holder, "joint", None) is item:
+            return f"'{name}' is held by a {type(holder).__name__}; ask for the force of that one."
+    if all(other is not item for other in system.items):
+        return (
+            f"'{name}' is not a {wanted} of this scene; add it to the scene, or ask for one that "
+            "is in it."
+        )
+    kind = type(item).__name__
+    if isinstance(item, DrawnAsLines):
+        return f"'{name}' is a {kind}, which pulls along its line; ask for its gx.probes.Tension."
+    if any(isinstance(term, Support) for term in system.terms_of(item)):
+        return (
+            f"'{name}' is a {kind}, a support and not a joint; ask for its force by "
+            "equilibrium.reaction."
+        )
+    return (
+        f"'{name}' is a {kind}, which holds nothing exactly and has no force as a {wanted}; ask "
+        "for the displacement or rotation of its ports, from which its law gives the force."
+    )
 
 
 def _bodies(side: Attached | Frame) -> Iterable[Any]:

@@ -406,15 +406,19 @@ TIME_TOLERANCE = 1e-12
 
 @dataclass(frozen=True)
 class Schedule:
-    """Every n-th step, or given times; the first and the last state are always due.
+    """Every n-th step, given times, or equal intervals of time; the first and the last state are
+    always due.
 
     Args:
         every: n, the steps from one record to the next.
         times: of records [s]; with any, `every` does not count.
+        interval: between records [s], each at the end of the step in which a multiple of it lies;
+            with one, `every` does not count.  Steps have the lengths that they have without it.
     """
 
     every: int = 1
     times: tuple[float, ...] = ()
+    interval: float | None = None
 
     @classmethod
     def of(
@@ -427,13 +431,26 @@ class Schedule:
         )
         return cls(every or default, tuple(times))
 
-    def due(self, step: int, time: float, last: bool) -> bool:
-        """Whether a record is due at the end of a step, at a time [s]; step 0 is the start."""
+    def due(self, step: int, time: float, last: bool, since: float | None) -> bool:
+        """Whether a record is due at the end of a step, from one time [s] to another; step 0 is the
+        start."""
         if step == 0 or last:
             return True
         if self.times:
             return self.meets(time)
+        if self.interval is not None:
+            return self.frames_in(time, since) > 0
         return step % self.every == 0
+
+    def frames_in(self, time: float, since: float | None) -> int:
+        """Number of multiples of the interval after a time [s], up to another one."""
+        if self.interval is None or since is None:
+            return 0
+        ends = [
+            math.floor((t + TIME_TOLERANCE * max(abs(t), 1.0)) / self.interval)
+            for t in (since, time)
+        ]
+        return ends[1] - ends[0]
 
     def meets(self, time: float) -> bool:
         """Whether a time [s] is one of the given ones."""

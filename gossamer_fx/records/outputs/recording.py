@@ -24,17 +24,18 @@ other files.
 from __future__ import annotations
 
 import json
+import logging
 import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, on_rank_zero
 from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array, Attached, Body, Port, is_on_mesh
@@ -142,6 +143,8 @@ def _pose_component(solid: Solid, index: tuple[int, int], run: StateView) -> flo
 RECORDED_STATES = ("taut", "wrinkled")
 
 # Default fields of a film: enough to see its shape, its wrinkles, and where it may tear.
+LOG = logging.getLogger("gossamer_fx")
+
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
 # A run has finished if it ends before its end time by less than this fraction of it: round-off.
@@ -164,6 +167,8 @@ class Recording:
         every: steps between two records of the fields, 10 by default; the first and the last state
             are always recorded.
         times: at which fields are recorded instead [s]; not together with `every`.
+        interval: time between two records of the fields [s] instead, each at the end of the step
+            that contains it; a warning says so if steps are longer.  Not together with the others.
         title: a line for pictures and reports.
         states_every: steps between two rows of states.csv; default: as often as the fields.
         overwrite: whether another run in the folder is replaced.  Its files are removed when the
@@ -191,6 +196,7 @@ class Recording:
         at: At = "mean",
         every: Every | None = None,
         times: Times = (),
+        interval: Annotated[float, positive("s")] | None = None,
         title: str = "",
         states_every: Every | None = None,
         overwrite: bool = False,
@@ -202,6 +208,16 @@ class Recording:
         self.probes = dict(probes or {})
         self.at: At = at
         self.schedule = Schedule.of("Recording", every, times, default=10)
+        if interval is not None:
+            check(
+                every is None and not len(times),
+                f"Recording: interval is {interval!r} s, but there is every or times, too; "
+                "give one of them.",
+            )
+            self.schedule = Schedule(interval=interval)
+        # Time [s] of the last call of `record`, and multiples of the interval that had no record.
+        self._since: float | None = None
+        self._frames_left_out = 0
         self.states_schedule = self.schedule
         if states_every is not None:
             self.states_schedule = Schedule(states_every)
@@ -250,6 +266,8 @@ class Recording:
         """Record the state of a run in all files where it is due, and that it runs in run.json.
         Collective."""
         self.has_begun = True
+        self._frames_left_out += max(self.schedule.frames_in(run.time, self._since) - 1, 0)
+        self._since = run.time
         caption = run.account.caption
         if caption:
             self._captions.append(caption)
@@ -296,6 +314,14 @@ class Recording:
         """
         for _, output in self._outputs():
             output.close(run)
+        if self._frames_left_out and run.comm.rank == 0:
+            LOG.warning(
+                "Recording '%s': %d of the records that were asked for, %.3g s apart, are missing, "
+                "as steps were longer; take shorter steps (dt, max_step), or ask for fewer.",
+                self.folder,
+                self._frames_left_out,
+                self.schedule.interval,
+            )
         # `Simulation` closes its outputs while an error of a step passes.
         failure = sys.exception()
         if failure is not None:

@@ -170,6 +170,7 @@ class TableOutput:
         self.path = Path(path)
         self.schedule = schedule
         self._table = Table(self.path)
+        self._since: float | None = None  # time [s] of the last call of `record`
 
     @property
     def times(self) -> Sequence[float]:
@@ -207,9 +208,12 @@ class TableOutput:
     def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         """Continue after a restart: remove rows after the cursor."""
         self._table.cut(run.comm, list(self._row(run)), cursor)
+        self._since = run.time
 
     def record(self, run: StateView, last: bool) -> None:
-        if self.schedule.due(run.step, run.time, last):
+        is_due = self.schedule.due(run.step, run.time, last, self._since)
+        self._since = run.time
+        if is_due:
             self._table.append(run.comm, self._row(run).values())
 
     def close(self, run: StateView) -> None:

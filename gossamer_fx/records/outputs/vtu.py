@@ -105,6 +105,7 @@ class VTU:
             f"VTU cannot write '{path}'; give a name that ends in .pvd.",
         )
         self.last_time: float | None = None
+        self._since: float | None = None  # time [s] of the last call of `record`
         self._entries: list[Entry] = []
         self._records = 0  # number of records so far
         self._has_mesh = False  # whether the mesh of this run is written
@@ -172,7 +173,9 @@ class VTU:
 
     def record(self, run: StateView, last: bool) -> None:
         """Write the fields of the state if they are due.  Collective."""
-        if not self.schedule.due(run.step, run.time, last):
+        is_due = self.schedule.due(run.step, run.time, last, self._since)
+        self._since = run.time
+        if not is_due:
             return
         for functions in self._functions:
             functions.update()
@@ -233,6 +236,7 @@ class VTU:
     def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         """Continue after a restart: remove records after the cursor.  Collective."""
         self.open(run)
+        self._since = run.time
         self._records = cursor["records"]
         self.last_time = cursor["time"]
         self._entries = run.comm.bcast(on_rank_zero(run.comm, self._cut) or [])

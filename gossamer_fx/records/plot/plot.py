@@ -173,9 +173,10 @@ def strip_views(
 ) -> Views:
     """Pictures of a field at times that are evenly spread over the run."""
     run.require_fields()
-    evenly = np.rint(np.linspace(0, len(run.times) - 1, count))
+    # Equal times, not equal numbers: steps may differ in length.
+    evenly = [run.record_at(time) for time in np.linspace(run.times[0], run.times[-1], count)]
     # A run may have fewer records than pictures were asked for.
-    records = np.unique(evenly.astype(int)).tolist()
+    records = sorted(set(evenly))
     return field_views(run, colouring(run, field, limits, records), records, view)
 
 

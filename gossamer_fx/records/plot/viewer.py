@@ -170,8 +170,8 @@ class RunView:
             numbers += 3 * points + len(self.fields) * max(points, len(part.pieces))
         affordable = int(_MAX_BYTES / max(_NUMBER_BYTES * numbers, 1))
         frames = min(max(affordable, 2), _MAX_FRAMES, max(count, 2))
-        spread = np.linspace(0, count - 1, frames)
-        records = np.unique(np.rint(spread).astype(int)).tolist()
+        times = np.linspace(self.run.times[0], self.run.times[-1], frames)
+        records = sorted({self.run.record_at(time) for time in times})
         return {
             "header": self.header(records),
             "legends": [self.legend(field) for field in self.fields],

@@ -31,14 +31,19 @@ SURFACE_UNITS = {
     "focal_length": "m",
 }
 
+# The field of each measure of a stress
+Measure = Literal["principal", "von Mises"]
+MEASURES = {"principal": "stress1", "von Mises": "von_mises_stress"}
+
 
 @check_arguments
 @dataclass(frozen=True)
 class StressPeak:
-    """The largest principal stress of a film.
+    """The largest stress of a film.
 
     Attributes:
-        stress: second Piola-Kirchhoff stress [Pa], as the field `stress1`.
+        stress: Cauchy stress [Pa], force over present thickness and length, as the fields `stress1`
+            and `von_mises_stress`.
         point: where it is, (3,) [m] on the stress-free shape.
         ratio: of the stress to the limit that was given; None without one.
 
@@ -62,8 +67,10 @@ def largest_stress(
     limit: Annotated[float, positive("Pa")] | None = None,
     group: str = "",
     at: At = "mean",
+    measure: Measure = "principal",
 ) -> StressPeak:
-    """Find the largest principal stress of a film.  Collective.
+    """Find the largest stress of a film: force over its present thickness and length (Cauchy).
+    Collective.
 
     At corners and point loads the stress of the continuum has no bound, and the largest one grows
     as the mesh is refined: leave them out by a group.
@@ -74,6 +81,7 @@ def largest_stress(
         limit: what the material bears [Pa], e.g. `gx.presets.films.KAPTON_HN.yield_stress`.
         group: of cells of the film's mesh; empty: the whole film.
         at: "mean" over the last step, or "end".
+        measure: "principal", the larger principal stress, or "von Mises".
 
     Raises:
         InputError: the film is not in the scene, the group has no cells, or the limit is not
@@ -87,17 +95,19 @@ def largest_stress(
         >>> f"{peak.stress / 1e6:.2f} MPa, {peak.ratio:.1%} of the limit"
         '3.79 MPa, 5.5% of the limit'
     """
-    return StressSearch(film, group, at)(state.system, limit)
+    return StressSearch(film, group, at, measure)(state.system, limit)
 
 
 class StressSearch:
-    """Finds the largest principal stress of a film; its expression is compiled once a system."""
+    """Finds the largest stress of a film; its expression is compiled once a system."""
 
-    def __init__(self, film: Membrane, group: str, at: At) -> None:
+    def __init__(self, film: Membrane, group: str, at: At, measure: Measure) -> None:
         cells_of(film, group)  # refuses a group that the mesh does not have
         self._film = film
         self._group = group
-        self._fields = ForSystem(lambda system: FieldFunctions(system, film, ["stress1"], at=at))
+        self._fields = ForSystem(
+            lambda system: FieldFunctions(system, film, [MEASURES[measure]], at=at)
+        )
 
     def __call__(self, system: System, limit: float | None) -> StressPeak:
         """The largest stress in the state of a system.  Collective."""
@@ -250,7 +260,7 @@ class SurfaceError:
 
 @check_arguments
 class LargestStress:
-    """Largest principal stress [Pa] in a film, or its ratio to the strength of the material; see
+    """Largest Cauchy stress [Pa] in a film, or its ratio to the strength of the material; see
     `gx.analysis.largest_stress`.
 
     Args:
@@ -258,6 +268,7 @@ class LargestStress:
         limit: [Pa], e.g. `KAPTON_HN.yield_stress`; with it the probe returns the ratio.
         group: of cells of the film's mesh; empty: the whole film.
         at: "mean" over the last step, or "end".
+        measure: "principal", the larger principal stress, or "von Mises".
 
     Raises:
         InputError: a limit that is not positive; when called: the group has no cells.
@@ -275,10 +286,11 @@ class LargestStress:
         limit: Annotated[float, positive("Pa")] | None = None,
         group: str = "",
         at: At = "mean",
+        measure: Measure = "principal",
     ) -> None:
         self.limit = limit
         self.unit = "Pa" if limit is None else "1"
-        self._search = StressSearch(film, group, at)
+        self._search = StressSearch(film, group, at, measure)
 
     def __call__(self, run: StateView) -> float:
         """The stress [Pa], or its ratio to the limit, in the state of a run."""

@@ -34,7 +34,8 @@ class Case:
         fields: names of fields by the names of films, see `Recording`.
         probes: functions of the run by name, see `outputs.Probes`; "tip x [m]" and "tip y [m]" are
             drawn as the curves x and y of "tip [m]".
-        frames: approximate number of times at which fields are written.
+        frames: number of equal intervals of time, with a record of the fields for each: at the end
+            of the step that contains its end.  Where steps are longer, there are fewer.
         control: see `Simulation`.
         events: see `Simulation`.
         halvings: see `Simulation`.
@@ -79,13 +80,16 @@ class Case:
         Raises, when a run is made with it:
             InputError: an unknown field or film, or a folder that holds another run.
         """
-        # The small number outweighs the round-off of a quotient that is a whole number.
-        every = max(math.floor(self.until / self.stepper.dt / self.frames + 1e-9), 1)
+        frames = self.frames
+        longest = self.stepper.dt
+        if self.control is None:
+            # Steps that are longer than that are the request, with a record for each.
+            frames = min(frames, max(math.floor(self.until / longest + 1e-9), 1))
         return Recording(
             folder,
             self.fields,
             probes=self.probes,
-            every=every,
+            interval=self.until / frames,
             title=self.title,
             overwrite=overwrite,
         )

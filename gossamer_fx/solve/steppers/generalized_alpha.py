@@ -3,6 +3,7 @@ nothing."""
 
 from __future__ import annotations
 
+import logging
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any
 
@@ -10,12 +11,16 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import NotConverged, check
+from gossamer_fx.mechanics.terms.assembly import HistoryVariables
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
+from gossamer_fx.mechanics.terms.element_energies import ElementEnergies
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
+
+LOG = logging.getLogger("gossamer_fx")
 
 # Length over the first step of the trial step in which the first acceleration is computed: forces
 # that depend on rates are differences over it, well above round-off, while positions hardly change.
@@ -38,8 +43,9 @@ class GeneralizedAlpha:
 
         α_m = (2ρ-1)/(ρ+1),  α_f = ρ/(ρ+1),  γ = ½ - α_m + α_f,  β = ¼ (1 - α_m + α_f)²       (5)
 
-    The method loses or gains energy.  Damping and feedback are of first order only, as their rates
-    are those of the step before its end.  The energy balance counts loads that vary within a step
+    The method loses or gains energy.  Damping, viscoelasticity and feedback are of first order
+    only, as their rates are those of the step before its end; of viscoelasticity a warning says
+    so.  The energy balance counts loads that vary within a step
     with their values at its end.
 
     Args:
@@ -90,6 +96,18 @@ class GeneralizedAlpha:
             "behind whose impact this method goes on with the accelerations before it; "
             "use Midpoint, or leave the latch out.",
         )
+        relaxing = [
+            name
+            for kind in system.compiled
+            if isinstance(kind, ElementEnergies) and isinstance(kind, HistoryVariables)
+            for name in kind.losses
+        ]
+        if relaxing and system.comm.rank == 0:
+            LOG.warning(
+                "GeneralizedAlpha: the scene has viscoelasticity ('%s'), for which this method is "
+                "of first order only; use Midpoint, or check the result with half of the step.",
+                "', '".join(relaxing),
+            )
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
 
 
@@ -105,6 +123,9 @@ class GeneralizedAlphaSolver:
         self._α_f = ρ / (ρ + 1)
         self._γ = 0.5 - self._α_m + self._α_f
         self._β = (1 - self._α_m + self._α_f) ** 2 / 4
+        # a is the acceleration at a time that is later by (α_m - α_f) h.  With (3) the error of q1
+        # is C h³ times the third derivative, C from 1/12 for ρ = 1 to 1/3 for ρ = 0.
+        self.error_constant = abs((self._α_m - self._α_f) / 2 + self._β - 1 / 6)
         self.newton = Newton(system, tolerances)
         # Distributed vectors of all unknowns.  a0 and a1 [m/s²] are the acceleration-like variable
         # at the start and the end of a step, v1 [m/s] the velocity at its end.

@@ -8,14 +8,18 @@ the length may be chosen by cost and accuracy alone.
 
 Algorithm, for a step of length h that took i Newton iterations.
 
-1. Estimate the local error of the midpoint rule,
+1. Estimate the local error of the stepper,
 
-       e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)                                          (1)
+       e = C h³ q''',    q''' ≈ 2 (a - a_)/(h + h_)                                           (1)
 
    from the mean accelerations a = (v1 - v0)/h of this step and a_ of the one before, whose length
-   is h_.  It is measured as root mean square over the mass,
+   is h_.  C is the error constant of the stepper: 1/12 of the midpoint rule, 1/12 + (α_m - α_f)²/4
+   of the generalised-α method, 1/3 with the stress at the end of a step.  It is measured as root
+   mean square over the mass of each connected part, of which the largest counts,
 
-       ε = √(eᵀ M e/m),    m the total mass                                                   (2)
+       ε = max √(eᵀ M e/m),    m the mass of the part                                         (2)
+
+   so that a heavy body far away does not hide the error of a light one.
 
 2. If ε exceeds the tolerance, undo the step and repeat it with h times
 
@@ -26,10 +30,11 @@ Algorithm, for a step of length h that took i Newton iterations.
 
        max(min(target iterations/i, 0.9 (tolerance/ε)^(1/3), max_factor), min_factor)            (4)
 
-   A step that was repeated does not let the next one grow.
+   A step that was repeated does not let the next one grow.  ε counts as at least that of the step
+   before times (h/h_)³: the third derivative of an oscillation vanishes for moments.
 
 Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.4,
-for the choice (3), (4); the error constant 1/12 is that of the trapezoidal rule.
+for the choice (3), (4).
 
 Cost.  The estimate (1) costs one product with M and no further solve.
 
@@ -44,12 +49,15 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, check
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import StepSolver, step_failure
+from gossamer_fx.solve.system.connected_parts import Labels, connected
 from gossamer_fx.solve.system.system import System
 
 # Factor in (3) and (4), so that the next step does not fail by a small growth of the error.
@@ -70,8 +78,8 @@ class StepControl:
 
     Args:
         target_iterations: target of Newton iterations a step.
-        error: largest local error of a step [m], as root mean square over the mass; None: errors
-            are not estimated.
+        error: largest local error of a step [m], as root mean square over the mass of each
+            connected part of the scene; None: errors are not estimated.
         max_factor: largest ratio of a step to the one before.  For film that hits itself or snaps
             straight, 1.1 leads to fewer rejected steps.
         min_factor: smallest ratio of a step to the one before, and the ratio after a failure.
@@ -133,9 +141,11 @@ class ControlledSteps:
         self.vectors: dict[str, PETSc.Vec] = {}
         self._local_error: LocalError | None = None
         self._tolerance = math.inf  # of the local error [m]
+        # Local error of the last accepted step over the third power of its length [m/s³].
+        self._error_rate = 0.0
         if control.error is not None:
             self._tolerance = control.error
-            self._local_error = LocalError(system)
+            self._local_error = LocalError(system, _error_constant(solver))
             self._history = History(system, [solver])
             self.vectors = {"acceleration": self._local_error.acceleration}
 
@@ -147,6 +157,7 @@ class ControlledSteps:
             self._history.commit()
             self._local_error.begin_step()
         growth = self._control.max_factor
+        measured = 0.0
         while True:
             try:
                 iterations = self._solver.step(h)
@@ -157,7 +168,10 @@ class ControlledSteps:
                 self.iterations += iterations
                 error = 0.0
                 if self._local_error:
-                    error = self._local_error.measure(h)
+                    measured = self._local_error.measure(h)
+                    # Where the third derivative of an oscillation changes its sign, the one before
+                    # still counts: it grows again within the next step.
+                    error = max(measured, self._error_rate * h**3)
                 if not error > self._tolerance:
                     factor = self._next_factor(iterations, error)
                     break
@@ -173,6 +187,7 @@ class ControlledSteps:
                 raise step_failure(self._system, h, reason)
         if self._local_error:
             self._local_error.commit()
+            self._error_rate = measured / h**3
         proposed = h * min(factor, growth)
         # h may be shorter than wanted to meet a time.  That alone must not shorten the next step.
         if factor < 1 or proposed > self.wanted:
@@ -195,63 +210,70 @@ class ControlledSteps:
         length_before = 0.0
         if self._local_error:
             length_before = self._local_error.length_before
-        return {"wanted": self.wanted, "before": length_before}
+        return {"wanted": self.wanted, "before": length_before, "error rate": self._error_rate}
 
     def set_history(self, state: dict[str, Any]) -> None:
         # A restart may bring another limit.
         self.wanted = min(state["wanted"], self._control.max_step)
         if self._local_error:
             self._local_error.length_before = state["before"]
+            # Checkpoints of older versions do not have it.
+            self._error_rate = state.get("error rate", 0.0)
+
+
+def _error_constant(solver: StepSolver) -> float:
+    """The constant C of (1) of a stepper; `InputError` if it has none."""
+    constant = getattr(solver, "error_constant", None)
+    check(
+        isinstance(constant, float) and constant > 0,
+        f"StepControl: error needs the constant of the local error of {type(solver).__name__}; "
+        "give it an attribute error_constant, or leave error out.",
+    )
+    assert constant is not None
+    return float(constant)
 
 
 class LocalError:
-    """Estimates the local error (1), (2) of the midpoint rule.
+    """Estimates the local error (1), (2) of a stepper with the error constant C.
 
     Around each step, call `begin_step`, make the step, call `measure`, and, if the step is
     accepted, `commit`.  It has the mean acceleration a_ [m/s²] of the last accepted step, and its
     length h_ [s], zero before the first step.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, constant: float = 1 / 12) -> None:
         self._system = system
+        self._constant = constant
         self.acceleration = system.numbering.vector()
         self.length_before = 0.0
         self._start_velocity = system.numbering.vector()
         self._mean_acceleration = system.numbering.vector()
         self._change = system.numbering.vector()
         self._scratch = system.numbering.vector()
-        self._mass = self._total_mass()
-        check(
-            self._mass > 0,
-            "StepControl: nothing in the scene has mass, whose error could be measured; "
-            "leave error out.",
-        )
-
-    def _total_mass(self) -> float:
-        """Mass [kg] that moves in the x direction: e·M e, with e the unit translation of all
-        bodies, in which directors and multipliers do not move.  Collective."""
-        system = self._system
-        along_x = self._mean_acceleration
-        with along_x as values:
+        # e·M e of the unit translation e of all bodies along x, in which directors and multipliers
+        # do not move.
+        with self._change as values:
             for body in system.bodies:
                 nodes = values[system.block(body).owned].reshape(-1, body.block.size)
                 nodes[:, 0] = 1.0
-        system.M.mult(along_x, self._scratch)
-        return float(along_x.dot(self._scratch))
+        # Of all parts: which are connected is seen in the tangent of the first step.
+        self._parts: Labels | None = None
+        along_x = self._change.array_r.copy()
+        system.M.mult(self._change, self._scratch)
+        self._masses_along_x: Array = along_x * self._scratch.array_r
+        check(
+            system.comm.allreduce(float(self._masses_along_x.sum())) > 0,
+            "StepControl: nothing in the scene has mass, whose error could be measured; "
+            "leave error out.",
+        )
 
     def begin_step(self) -> None:
         """Take the velocities at the start of the step."""
         self._system.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
-        """Local error ε [m] of the last step, of length h [s], as root mean square over the mass;
-        zero for the first step of a run.  Collective.
-
-            ε = √(eᵀ M e/m),    e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)
-
-        from the mean accelerations a of this step and a_ of the one before, with the total mass m
-        [kg].
-        """
+        """Local error ε [m] of the last step, of length h [s], by (1) and (2); zero for the first
+        step of a run.  Collective."""
         mean = self._mean_acceleration
         mean.waxpy(-1.0, self._start_velocity, self._system.v0)
         mean.scale(1 / h)
@@ -260,10 +282,27 @@ class LocalError:
             return 0.0
         self._change.waxpy(-1.0, self.acceleration, mean)
         self._system.M.mult(self._change, self._scratch)
-        # Round-off may make the square of a vanishing change negative.
-        square = max(self._change.dot(self._scratch), 0.0)
-        rms = float(np.sqrt(square / self._mass))
-        return h**3 / 6 / (h + self.length_before) * rms
+        squares = self._sums(self._change.array_r * self._scratch.array_r)
+        masses = self._sums(self._masses_along_x)
+        # A part of multipliers only has no mass; round-off may make the square of a vanishing
+        # change negative.
+        has_mass = masses > 0
+        mean_squares = np.maximum(squares[has_mass], 0.0) / masses[has_mass]
+        largest = math.sqrt(float(mean_squares.max(initial=0.0)))
+        return 2 * self._constant * h**3 / (h + self.length_before) * largest
+
+    def _sums(self, values: Array) -> Array:
+        """Sums of the values (n,) of this rank's unknowns over each connected part, (parts,).
+        Collective."""
+        comm = self._system.comm
+        if self._parts is None:
+            labels = connected(self._system, self._system.A, with_zeros=True)
+            known = np.unique(np.concatenate(comm.allgather(np.unique(labels))))
+            self._parts = np.searchsorted(known, labels).astype(np.int64)
+            self._part_count = len(known)
+        sums = np.bincount(self._parts, values, self._part_count).astype(float)
+        comm.Allreduce(MPI.IN_PLACE, sums)
+        return sums
 
     def commit(self) -> None:
         """Take the step that was measured last as the one before the next."""

@@ -56,6 +56,9 @@ class StepSolver(Carrier, Protocol):
     empty state."""
 
     newton: Newton
+    # C of the local error C h³ q''' of positions in a step of length h, by which `StepControl`
+    # chooses steps.
+    error_constant: float
 
     def step(self, h: float) -> int:
         """Advance the system by one step of length h [s], and commit it; returns the number of
