@@ -111,7 +111,7 @@ def study_changes(name: str, quick: bool) -> Iterator[Change]:
     known = study.case_set(MPI.COMM_SELF, quick).judgements(stored)
 
     def judged(results: list[Result], other: Any = study) -> bool:
-        """Whether the study, or another one in its place, finds nothing wrong."""
+        """Whether the study, or another one instead, finds nothing wrong."""
         own = [without_references(result) for result in results]
         now = [
             *other.case_set(MPI.COMM_SELF, quick).judgements(own),
@@ -142,8 +142,8 @@ def study_changes(name: str, quick: bool) -> Iterator[Change]:
         for k, claim in enumerate(study.claims):
             for factor in FACTORS:
                 moved = dataclasses.replace(claim, low=factor * claim.low, high=factor * claim.high)
-                others = (*study.claims[:k], moved, *study.claims[k + 1 :])
-                other = dataclasses.replace(study, claims=others)
+                claims = (*study.claims[:k], moved, *study.claims[k + 1 :])
+                other = dataclasses.replace(study, claims=claims)
                 is_meant = any(claim.judgements(stored))
                 if is_meant and claim.low:
                     words = f"claim {claim.number} of {claim.where} × {factor}"
@@ -190,7 +190,7 @@ def validation_changes(name: str) -> Iterator[Change]:
     known = case_set(case, MPI.COMM_SELF, quick=False).judgements(stored)
 
     def judged(results: list[Result], other: Case = case) -> bool:
-        """Whether the case, or another one in its place, finds nothing wrong."""
+        """Whether the case, or another one instead, finds nothing wrong."""
         now = [
             *case_set(other, MPI.COMM_SELF, quick=False).judgements(results),
             *changes(with_measured(other, results), stored, REPEATABILITY, compared_numbers),

@@ -28,6 +28,7 @@ BETWEEN = re.compile(r"(?<=<!-- features -->\n).*?(?=<!-- /features -->)", re.DO
 COMM = MPI.COMM_SELF
 FILM = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 EDGE = 0.2
+FLOOR = gx.contact.Plane(point=(0.0, 0.0, -2e-3), normal=(0.0, 0.0, 1.0))
 
 # A film replaced by its reduced model, or nothing.
 Film = Any
@@ -39,7 +40,6 @@ class Parts:
 
     Attributes:
         items: of the scene; the first one is the film.
-        point: whose height is asked for, a name of a group of points, or None for the middle.
         by: a parameter of the gradient.
     """
 
@@ -48,7 +48,9 @@ class Parts:
 
 
 def held(body: Any) -> list[Any]:
-    """Supports along two edges."""
+    """Supports along two edges; none of a reduced film, which has no groups."""
+    if type(body) not in (gx.Membrane, gx.Plate):
+        return []
     return [gx.Fixed(body, edge) for edge in ("left", "right")]
 
 
@@ -61,12 +63,14 @@ def square(film: Film, law: Any = None, order: int = 1, **options: Any) -> Any:
     return gx.Membrane(mesh, law, order=order, initial_stress=1e6, name="film", **options)
 
 
-def scene_of(law: Any = None, order: int = 1, **options: Any) -> Callable[[Film], Parts]:
+def scene_of(
+    law: Any = None, order: int = 1, by: str = "film.thickness", **options: Any
+) -> Callable[[Film], Parts]:
     """A film under pressure, held along two edges."""
 
     def make(film: Film) -> Parts:
         body = square(film, law, order, **options)
-        return Parts([body, *held(body), gx.Pressure(body, 100.0)])
+        return Parts([body, *held(body), gx.Pressure(body, 100.0)], by)
 
     return make
 
@@ -79,7 +83,9 @@ def plate(film: Film) -> Parts:
     return Parts([body, *held(body), gx.Pressure(body, 100.0)])
 
 
-def with_item(make_item: Callable[[Any], Any], by: str = "film.thickness", **options: Any):
+def with_item(
+    make_item: Callable[[Any], Any], by: str = "film.thickness", **options: Any
+) -> Callable[[Film], Parts]:
     """The film under pressure with another item on it."""
 
     def make(film: Film) -> Parts:
@@ -94,10 +100,12 @@ def tape(body: Any) -> Any:
     return gx.connectors.Tape.along_edges(body, law, edges="bottom", name="tape")
 
 
-def floor(body: Any, friction: float = 0.0) -> Any:
-    plane = gx.contact.Plane(point=(0.0, 0.0, -2e-3), normal=(0.0, 0.0, 1.0))
-    slip = {"friction": friction, "slip_velocity": 1e-3} if friction else {}
-    return gx.Contact(body, plane, distance=1e-3, **slip)
+def floor(body: Any) -> Any:
+    return gx.Contact(body, FLOOR, distance=1e-3, stiffness=1e3)
+
+
+def rough_floor(body: Any) -> Any:
+    return gx.Contact(body, FLOOR, distance=1e-3, stiffness=1e3, friction=0.3, slip_velocity=1e-3)
 
 
 def creased(film: Film) -> Parts:
@@ -106,12 +114,7 @@ def creased(film: Film) -> Parts:
         mesh = creased_strip(COMM, 2, 2, 0.1, 0.1)
         body = gx.Membrane(mesh, gx.Miyazaki(**FILM), initial_stress=1e6, name="film")
     crease = gx.connectors.Crease(body, "crease", stiffness=1e-3)
-    ends = [
-        gx.Fixed(body, name)
-        for name in body.mesh.names
-        if name in ("left", "right", "start", "end")
-    ]
-    return Parts([body, *ends, gx.Pressure(body, 100.0), crease])
+    return Parts([body, *held(body), gx.Pressure(body, 100.0), crease])
 
 
 def gas(film: Film) -> Parts:
@@ -122,7 +125,8 @@ def gas(film: Film) -> Parts:
     bag = gx.Chamber(
         body, gas=air, pressure=1000.0, temperature=293.0, dead_volume=1e-5, name="bag"
     )
-    return Parts([body, bag, gx.Fixed(body, "seam")])
+    supports = [gx.Fixed(body, "seam")] if type(body) is gx.Membrane else []
+    return Parts([body, bag, *supports])
 
 
 ROWS: dict[str, Callable[[Film], Parts]] = {
@@ -140,14 +144,16 @@ ROWS: dict[str, Callable[[Film], Parts]] = {
         )
     ),
     "`NeoHooke` film": scene_of(gx.materials.NeoHooke(1e8, density=1400.0, thickness=1e-4)),
-    "`Elastica` film": scene_of(gx.Elastica(**FILM, half_wavelength=0.02)),
+    "`Elastica` film": scene_of(
+        gx.Elastica(**FILM, half_wavelength=0.02), by="film.initial_stress"
+    ),
     "`Plate`": plate,
     "tape on the film": with_item(tape),
     "crease": creased,
     "gas in a chamber": gas,
     "contact": with_item(floor),
-    "contact with friction": with_item(lambda body: floor(body, 0.3)),
-    "film damping": with_item(lambda body: gx.Damping(body, 1e-5)),
+    "contact with friction": with_item(rough_floor),
+    "film damping": with_item(lambda body: gx.Damping(body, stiffness_factor=1e-5)),
     "weight": with_item(lambda body: gx.Gravity(body, (0.0, 0.0, -9.81))),
 }
 
@@ -201,11 +207,17 @@ def gradient_of_a_run(make: Callable[[Film], Parts]) -> None:
 
 
 def reduced_model(make: Callable[[Film], Parts]) -> None:
-    parts = make(None)
-    shapes = gx.reduction.Snapshots(parts.items[0])
+    parts = without_supports(make(None))
+    shapes: Any = gx.reduction.Snapshots(parts.items[0])
     run_of(parts, [shapes])
     reduced = gx.reduction.reduce(parts.items[0], [shapes], modes=2)
-    run_of(make(reduced))
+    run_of(without_supports(make(reduced)))
+
+
+def without_supports(parts: Parts) -> Parts:
+    """The scene of a free film: a reduced film is tied by ports, and has no supports."""
+    items = [item for item in parts.items if not isinstance(item, gx.Fixed)]
+    return Parts(items, parts.by)
 
 
 def path(make: Callable[[Film], Parts]) -> None:

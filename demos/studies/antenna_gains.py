@@ -75,10 +75,10 @@ STUDY = Study(
         # half with ζ = 0.2; what vibrates is left of the node's.
         Claim("overshoot", 0.0, 0.01, {"model": "membrane, mean", "zeta": 1.0}),
         Claim("overshoot", 0.50, 0.55, {"model": "membrane, mean", "zeta": 0.2, "rate": 0.6}),
-        Claim("residual", 0.02, 0.03, {"model": "membrane, mean", "zeta": 0.2, "rate": 0.6}),
+        Claim("residual", 0.021, 0.0245, {"model": "membrane, mean", "zeta": 0.2, "rate": 0.6}),
         Claim("residual", 0.010, 0.013, {"model": "membrane P2, node", "zeta": 1.0, "rate": 0.6}),
-        Claim("energy_error", -1e-9, 1e-9),
     ),
+    limits={"energy_error": 1e-9},
     columns="overshoot, residual, angle_error, other_angle, energy_error, newton_per_step, seconds",
     # A stiff control of a soft film may leave no step that converges.
     may_fail=True,

@@ -93,12 +93,15 @@ STUDY = Study(
         Claim("newton_per_step", 8.1, 9.9, {"rule": "exact", "h": 4e-3}),
         Claim("newton_per_step", 37.0, 46.0, {"rule": "Gonzalez", "h": 1e-3}),
         Claim("substeps", 0, 0, {"rule": "exact"}),
-        Claim("substeps", 30, 50, {"rule": "Gonzalez", "h": 1e-3}),
+        Claim("substeps", 37, 45, {"rule": "Gonzalez", "h": 1e-3}),
         Claim("energy_drift", 0.0, 1e-12, {"rule": "exact"}),
         Claim("energy_drift", 0.0, 1e-12, {"rule": "Gonzalez"}),
-        Claim("energy_drift", 1e-7, 1e-6, {"rule": "variational", "h": 1e-4}),
+        Claim("energy_drift", 3.5e-7, 4.2e-7, {"rule": "variational", "h": 1e-4}),
         Claim("angular_momentum_drift", 0.0, 1e-13, {"rule": "exact"}),
         Claim("angular_momentum_drift", 0.0, 1e-13, {"rule": "Gonzalez"}),
+    ),
+    not_repeatable=dict.fromkeys(
+        ("energy_drift", "energy_error", "angular_momentum_drift"), "round-off"
     ),
     columns=COLUMNS,
 )

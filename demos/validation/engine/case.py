@@ -25,7 +25,7 @@ read it.
     quantity = "load"                 what the model predicts under this name
     kind = "load"                     of quantities that are counted together (optional)
     evidence = "theory"               if it is another than that of the case (optional)
-    not_counted = "..."               why it is no prediction: it was calibrated, say (optional)
+    not_counted = "..."               why it does not count: it was calibrated, say (optional)
     not_converged = "..."             what a finer mesh does; such a quantity is a miss (optional)
     y = {value = [...], unit = "N"}   measured values, or one number
     x = {value = [...], unit = "mm"}  of a curve

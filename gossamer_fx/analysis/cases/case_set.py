@@ -429,7 +429,7 @@ def changes(
 
 
 def _pairs(old: Any, new: Any) -> Iterator[tuple[float, float]]:
-    """Old and new numbers of the same place in two numbers or two lists."""
+    """Old and new numbers of two numbers, or of two lists of them."""
     before = old if isinstance(old, list) else [old]
     after = new if isinstance(new, list) else [new]
     if len(after) != len(before) or None in after:
