@@ -242,7 +242,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("contact.Cylinder", start=z, end=(1.0, 0.0, 0.0), radius=0.1)
     add("probes.FoldAngle", crease=gx.connectors.Crease(creased, "crease", stiffness=1e-3))
     add("connectors.Damper", a=P, b=Q, damping=1.0)
-    add("Damping", body=film, mass_factor=1.0, stiffness_factor=1.0, tension_only=True)
+    add("Damping", body=film, mass_factor=1.0, loss_factor=0.01, frequency=1e3, tension_only=True)
     add("probes.Displacement", port=P, axis="x")
     add(
         "orbit.Drag",
@@ -379,6 +379,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Tolerances")
     add("loads.Torque", frame=A, torque=z)
     add("loads.Viscoelasticity", body=beam, ratios=(0.5, 0.2), times=(1.0, 60.0))
+    add("loads.flat_damping", body=film, loss_factor=0.01, band=(1.0, 1e3), tension_only=True)
     add("connectors.TorsionDamper", **hinge, damping=1.0)
     add("connectors.TorsionSpring", **hinge, stiffness=1.0)
     add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
