@@ -22,7 +22,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-# A folder of this package, in which no library finds a file of its own.
+# A folder of this package, in which no library finds a file that it reads.
 _EMPTY = Path(__file__).resolve().parent
 
 
@@ -103,7 +103,7 @@ class Door(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The place of a guarded module, with a loader that guards it."""
+        """The spec of a guarded module, with a loader that guards it."""
         if fullname not in _GUARDED:
             return None
         spec = PathFinder.find_spec(fullname, path, target)
