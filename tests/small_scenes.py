@@ -48,7 +48,7 @@ def body(**options: Any) -> gx.RigidBody:
 
 def tank(gas: gx.IdealGas = AIR, **options: Any) -> gx.Tank:
     """A litre at 1 bar."""
-    return gx.Tank(1e-3, gas=gas, pressure=1e5, temperature=300.0, **options)
+    return gx.Tank(1e-3, **({"gas": gas, "pressure": 1e5, "temperature": 300.0} | options))
 
 
 def three_sheets() -> gx.Mesh:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import shells
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
 from tests.small_scenes import at_rest
 
 LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-2)
@@ -78,3 +78,55 @@ def test_a_coarse_curved_mesh_is_refused():
     x[:, 2] = -4 * (x[:, 0] - 0.5) ** 2
     with pytest.raises(gx.InputError, match="more than 45 degrees; use smaller cells"):
         gx.Plate(mesh, LAW)
+
+
+def graded(u, power):
+    """Map of [0, 1] whose cells get smaller towards both ends."""
+    return np.where(u < 0.5, 0.5 * (2 * u) ** power, 1 - 0.5 * (2 * (1 - u)) ** power)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("power", [1.15, 1.6])
+def test_the_middle_nodes_of_a_flat_plate_may_lie_anywhere_on_its_edges(comm, power):
+    """A mesh that is graded with all its nodes bends as one whose middle nodes are in the
+    middle."""
+    cells = 8
+    deflections = []
+    for is_centred in (False, True):
+        mesh = sheet(comm, cells, cells, crossed=True, order=2)
+        x = mesh.domain.geometry.x
+        for axis in (0, 1):
+            if is_centred:
+                # Vertices are at whole numbers of half cells, middles between two of them.
+                u = np.rint(4 * cells * x[:, axis]) / 2
+                low, high = np.floor(u), np.ceil(u)
+                ends = [graded(end / (2 * cells), power) for end in (low, high)]
+                x[:, axis] = (ends[0] + ends[1]) / 2
+            else:
+                x[:, axis] = graded(x[:, axis], power)
+        plate = gx.Plate(mesh, gx.Linear(7e10, 0.3, density=2700.0, thickness=1e-3))
+        rim = [gx.Fixed(plate, edge, rotation=True) for edge in EDGES]
+        equilibrium = at_rest(gx.Pressure(plate, 1.0), *rim)
+        own = float(gx.fields.positions(equilibrium, plate)[:, 2].max(initial=0.0))
+        deflections.append(comm.allreduce(own, max))
+    assert deflections[0] > 1e-7
+    assert deflections[0] == pytest.approx(deflections[1], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("move", "words"),
+    [
+        ((0.0, 0.0, 0.3), r"middle node of an edge of the triangle at \(.*\) is 0.3 m from"),
+        ((0.0, 0.0, 1e6), "is 1e[+]06 m from the middle of the edge"),
+        ((0.15, 0.0, 0.0), "turn inside out|is 0.15 m from the middle"),
+        ((5.0, 0.0, 0.0), "turn inside out"),
+    ],
+)
+def test_a_middle_node_far_from_its_edge_is_refused(comm, move, words):
+    mesh = sheet(comm, 2, 2, order=2)
+    x = mesh.domain.geometry.x
+    # The middle of an edge of half a metre.
+    node = np.linalg.norm(x - [0.25, 0.5, 0.0], axis=1) < 1e-9
+    x[node] += np.array(move)
+    with pytest.raises(gx.InputError, match=words):
+        gx.Plate(mesh, gx.Linear(7e10, 0.3, density=2700.0, thickness=1e-3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -17,9 +18,10 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.solve.scene.validation import validate, warnings
-from tests.small_scenes import LINEAR, MATERIAL, WRINKLING
+from tests.small_scenes import AIR, LINEAR, MATERIAL, WRINKLING, tank
 
 WORLD = MPI.COMM_WORLD
+THICK = gx.Linear(1e9, 0.3, density=1000.0, thickness=0.01)
 
 
 def triangles(
@@ -234,3 +236,42 @@ def test_initial_strains_that_cannot_be(comm):
 def test_a_tensor_may_be_unsymmetric_by_round_off():
     turned = np.array([[1e5, 3e4, 0.0], [3e4 * (1 + 1e-15), 2e5, 0.0], [0.0, 0.0, 0.0]])
     gx.Membrane(sheet(WORLD, 2, 2), LINEAR, initial_stress=turned)
+
+
+def test_a_separate_panel_may_lie_other_side_up(comm):
+    """Parts of a mesh that are not connected do not cover each other's plane."""
+    big = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)]
+    small = [(3, 0, 0), (4, 0, 0), (4, 1, 0), (3, 1, 0)]
+    mesh = triangles([*big, *small], [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)])
+    film = gx.Membrane(mesh, WRINKLING)
+    assert not any("upside down" in words for words in warnings([film]))
+
+
+@pytest.mark.parametrize(
+    ("items", "words"),
+    [
+        (lambda: [tank(temperature=20.0)], "initial_temperature = 20 K .* degrees Celsius"),
+        (lambda: [tank(pressure=1e12)], "initial_pressure = 1e[+]12 Pa is unusual"),
+        (lambda: [tank(gas=gx.IdealGas(gamma=1.4, R=0.287))], "R = 0.287 .* kJ"),
+        (lambda: [tank(gas=gx.IdealGas(gamma=140.0, R=287.0))], "gamma = 140 is unusual"),
+        (
+            lambda: [gx.Orifice(one := tank(), gx.gas.Ambient(1e5, 20.0), area=1e-6), one],
+            "'ambient': temperature = 20 K .* degrees Celsius",
+        ),
+        (
+            lambda: [
+                gx.gas.Inflator(
+                    one := tank(), gas=AIR, mass_flow=2e3, temperature=300.0, name="inflator"
+                ),
+                one,
+            ],
+            "mass_flow = 2000 kg/s .* g/s",
+        ),
+        (lambda: [gx.Gravity(gx.PointMass(1.0), (0.0, 0.0, -9810.0))], "g = 9810 .* mm/s²"),
+        (lambda: [gx.Membrane(sheet(WORLD, 2, 2, 1e3, 1e3), LINEAR)], "1.41e.03 m .* millimetres"),
+        (lambda: [gx.Plate(sheet(WORLD, 4, 2, 1.0, 0.05), THICK)], "too stiff by .* 1.12"),
+    ],
+)
+def test_the_likely_slip_is_named_once(items, words):
+    found = [one for one in warnings(items()) if re.search(words, one)]
+    assert len(found) == 1

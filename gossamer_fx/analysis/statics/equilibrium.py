@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict
 from typing import Any, Literal
 
-from gossamer_fx.analysis.statics.continuation import Continuation, Search
+from gossamer_fx.analysis.statics.continuation import MAX_ROUND_OFF, Continuation, Search
 from gossamer_fx.analysis.statics.result import (
     EquilibriumResult,
     assess,
@@ -135,9 +135,10 @@ class Equilibrium:
         found = assess(search, at)
         residual, load = search.unbalanced()
         is_within_tolerance = bool(residual <= self.search.tolerance)
-        if is_unloaded:
+        round_off = search.newton.round_off
+        if is_unloaded or external < round_off / MAX_ROUND_OFF:
             # Nothing to compare with but earlier loads, and the round-off of the inner forces.
-            absolute = max(self.search.tolerance * self._largest_load, search.newton.round_off)
+            absolute = max(self.search.tolerance * self._largest_load, round_off)
             is_within_tolerance = bool(residual * load <= absolute)
         self.result = EquilibriumResult(
             residual=residual,

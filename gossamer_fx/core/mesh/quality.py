@@ -187,8 +187,9 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
     Collective.
 
     Nodes that were moved across edges turn triangles over, which then cover a part of the plane
-    again.  A film that is folded once, such as a tube that is pressed flat, has as much area on
-    either side; neither side counts as upside down where the smaller one has more than 0.4 of it.
+    again.  Each connected part of the mesh is judged by itself.  A film that is folded once, such
+    as a tube that is pressed flat, has as much area on either side; neither side counts as upside
+    down where the smaller one has more than 0.4 of it.
     """
     domain = table.domain
     comm = domain.comm
@@ -202,25 +203,58 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
     count, directions = table.tally(np.arange(len(areas), dtype=np.int32))
     agrees = not ((count == 2) & (directions != 0)).any()
     is_turned = heights < 0
-    sums = np.array(
-        [
-            float(not is_plane or not agrees),
-            len(areas),
-            is_turned.sum(),
-            areas.sum(),
-            areas[is_turned].sum(),
-        ]
-    )
-    excluded, total, turned, area, turned_area = comm.allreduce(sums).tolist()
-    if excluded:
+    flags = np.array([not is_plane or not agrees, is_turned.any(), (~is_turned).any()], dtype=int)
+    excluded, some_turned, some_upright = comm.allreduce(flags).tolist()
+    if excluded or not (some_turned and some_upright):
         return 0, 0.0
-    if turned_area > area / 2:
-        turned = total - turned
-        turned_area = area - turned_area
-    share = turned_area / area
-    if share > FOLDED_FILM_SHARE:
-        return 0, 0.0
-    return int(turned), share
+    # Separate parts may lie either side up.
+    part, parts = connected_cells(domain)
+    sums = np.zeros((4, parts))
+    for row, weights in zip(
+        sums, (np.ones(len(areas)), is_turned, areas, areas * is_turned), strict=True
+    ):
+        row += np.bincount(part, weights, parts)
+    comm.Allreduce(MPI.IN_PLACE, sums)
+    total, turned, area, turned_area = sums
+    is_mostly_turned = turned_area > area / 2
+    turned = np.where(is_mostly_turned, total - turned, turned)
+    turned_area = np.where(is_mostly_turned, area - turned_area, turned_area)
+    is_defect = turned_area <= FOLDED_FILM_SHARE * area
+    count_of_defects = int(turned[is_defect].sum())
+    share = float(turned_area[is_defect].sum() / area.sum())
+    return count_of_defects, share
+
+
+def connected_cells(domain: dmesh.Mesh) -> tuple[Integers, int]:
+    """Label (n,) of the part of the mesh to which each owned cell belongs, from 0, and the number
+    of parts: cells of a part are connected by vertices.  Collective."""
+    # Imported here, as few meshes need it.
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    comm = domain.comm
+    topology = domain.topology
+    vertices = topology.connectivity(topology.dim, 0).array.reshape(-1, topology.dim + 1)
+    owned = topology.index_map(topology.dim).size_local
+    index_map = topology.index_map(0)
+    size = index_map.size_local + index_map.num_ghosts
+    first = np.repeat(vertices[:, 0], vertices.shape[1])
+    ones = np.ones(vertices.size, dtype=np.int8)
+    graph = csr_matrix((ones, (first, vertices.ravel())), shape=(size, size))
+    count, local = connected_components(graph, directed=False)
+    # Parts of this rank, and those of the owners of its ghost vertices, are linked.
+    offset = comm.exscan(count) or 0
+    labels = la.vector(index_map)
+    labels.array[:] = offset + local
+    labels.scatter_forward()
+    links = np.unique(np.stack([offset + local, labels.array.astype(np.int64)]), axis=1)
+    gathered = np.concatenate(comm.allgather(links), axis=1)
+    number = comm.allreduce(count)
+    weights = np.ones(gathered.shape[1], dtype=np.int8)
+    whole = csr_matrix((weights, (gathered[0], gathered[1])), shape=(number, number))
+    parts, of_local = connected_components(whole, directed=False)
+    part = of_local[offset + local[vertices[:owned, 0]]]
+    return part.astype(np.int64), int(parts)
 
 
 def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
@@ -34,7 +35,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.mesh.quality import area_vectors
+from gossamer_fx.core.mesh.quality import area_vectors, turned_inside
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
@@ -56,6 +57,10 @@ FLAT = 1e-6
 # The same sine, below which the plane triangles of a curved plate are close to it: 45 degrees.
 CLOSE = 0.7
 
+# Distance of the middle node of a curved edge from the middle of its chord, over the length of the
+# chord, from which on the edge turns back at a corner, or rises there by 45 degrees.
+FARTHEST_MIDDLE = 0.24
+
 # Share of a given curvature below which its antisymmetric and its normal part count as zero.
 CURVATURE_TOLERANCE = 1e-6
 
@@ -75,13 +80,18 @@ class Plate(Membrane):
     not lock however thin the plate is.  The rim is free, simply held by `Fixed`, or clamped by
     `Fixed(..., rotation=True)`.
 
+    In its own plane a strip of the width b is too stiff against bending by 1 + 3 (t/b)², as the
+    energy ½ D|D²x|² counts the curvature of its lines in the plane, too: 3 % at t/b = 0.1, where a
+    warning says so; take a `Beam` for narrower ones.
+
     Bending matters for wrinkles of a few cells or longer: cells of size h carry compressive strains
     of up to (π t/h)²/(48 (1-ν²)), and for t/h < 1e-4 that is nothing: take a `Membrane`, which
     costs less.
 
     Args:
         mesh: plane triangles with straight edges, of which neighbours lie in one plane unless a
-            hinge is between them; or curved triangles of order 2.
+            hinge is between them; or curved triangles of order 2, whose middle nodes may lie
+            anywhere on their edges up to a quarter of the length from the middle.
         law: energy per unit area, e.g. `Linear` or `LinearOrthotropic`; its moduli and thickness
             give the bending stiffness, D_ij = A_ij t²/12 of an orthotropic one.
         order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone
@@ -149,6 +159,12 @@ class Plate(Membrane):
         )
         # The forms are written for plane triangles.
         if degree == 2:
+            turned = turned_inside(domain)
+            check(
+                turned == 0,
+                f"Plate '{name}': its mesh has {turned} curved triangles that turn inside out near "
+                "a corner; mesh it finer there, or with plane triangles.",
+            )
             given = Mesh(facets_of(given.domain), given.groups)
         super().__init__(
             given,
@@ -200,7 +216,7 @@ class Plate(Membrane):
         """
         self.shape = fem.Function(self.space, name="shape")
         # Nodes of a cell have the same order in both.
-        nodes = domain.geometry.x[geometry_nodes(domain)]
+        nodes = self._centred(domain.geometry.x[geometry_nodes(domain)])
         self.shape.x.array.reshape(-1, 3)[cell_nodes(self.space)] = nodes
         # The strain of the shape from the plane triangles, which is linear in each of them.
         strain = tied_strain(self.mesh.domain, self.shape, self._frame)
@@ -208,6 +224,79 @@ class Plate(Membrane):
         self._strain_of_shape = fem.Function(linear)
         points = interpolation_points(linear)
         tabulation(compile_expression(strain, points), self._strain_of_shape)()
+
+    def _centred(self, nodes: Array) -> Array:
+        """Nodes (n, 6, 3) [m] of curved triangles, whose middle nodes are moved along the surface
+        to above the middles of the chords, those of the rim along the rim.
+
+        The forms derive by the coordinates of the plane triangles, in which a straight line is to
+        be straight and passed evenly: a middle node elsewhere on the surface would count as strain
+        and curvature. `InputError`: a node is too far from its chord.  Collective.
+        """
+        centred = nodes.copy()
+        normals = self._normals_between(nodes)
+        for i, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
+            # Node 3 + i lies on the edge opposite vertex i.
+            middle = nodes[:, 3 + i]
+            chord = nodes[:, b] - nodes[:, a]
+            square = np.maximum((chord**2).sum(axis=1), SMALLEST_NORMAL)
+            offset = middle - (nodes[:, a] + nodes[:, b]) / 2
+            # Parts of the offset along and across the chord, over its length.
+            along = (offset * chord).sum(axis=1) / square
+            across = np.linalg.norm(offset - along[:, None] * chord, axis=1) / np.sqrt(square)
+            share = np.maximum(np.abs(along), across)
+            # Written so that NaN is refused.
+            is_far = ~(share <= FARTHEST_MIDDLE)
+            worst = int(np.argmax(np.where(np.isfinite(share), share, np.inf))) if len(share) else 0
+            words = ""
+            if is_far.any():
+                at = ", ".join(f"{x:.6g}" for x in nodes[worst, :3].mean(axis=0))
+                distance = float(np.linalg.norm(offset[worst]))
+                words = (
+                    f"Plate '{self.name}': the middle node of an edge of the triangle at ({at}) is "
+                    f"{distance:.3g} m from the middle of the edge, which is "
+                    f"{math.sqrt(square[worst]):.3g} m long; put it nearer than "
+                    f"{FARTHEST_MIDDLE:g} of the length, or mesh it finer."
+                )
+            check_on_all(self.comm, not words, words)
+            # The edge is the parabola c(s) through its nodes; where is it above the middle?
+            # s + 4 along s (1 - s) = ½, of which this root has no cancellation.
+            root = np.sqrt((1 + 4 * along) ** 2 - 8 * along)
+            s = (1 / (1 + 4 * along + root))[:, None]
+            centred[:, 3 + i] = (
+                (1 - s) * (1 - 2 * s) * nodes[:, a]
+                + 4 * s * (1 - s) * middle
+                + s * (2 * s - 1) * nodes[:, b]
+            )
+            # Between two triangles the height above the chord is kept, along the normal of both.
+            between = normals[:, i].any(axis=1)
+            chord_middle = (nodes[between, a] + nodes[between, b]) / 2
+            normal = normals[between, i]
+            height = (normal * (centred[between, 3 + i] - chord_middle)).sum(axis=1)
+            centred[between, 3 + i] = chord_middle + height[:, None] * normal
+        return centred
+
+    def _normals_between(self, nodes: Array) -> Array:
+        """Unit normals (n, 3, 3) at the middle nodes of triangles with nodes (n, 6, 3) [m]: the
+        mean of those of both triangles at the edge, zero at the rim.  Collective."""
+        space = self.space
+        owned = self.mesh.domain.topology.index_map(2).size_local
+        middles = cell_nodes(space)[:, 3:]
+        vectors = np.repeat(area_vectors(nodes[:, :3])[:, None], 3, axis=1)
+        # The sum of the normals, and the number of triangles.
+        sums = la.vector(space.dofmap.index_map, 4)
+        array = sums.array.reshape(-1, 4)
+        lengths = np.linalg.norm(vectors, axis=2, keepdims=True)
+        units = vectors / np.maximum(lengths, SMALLEST_NORMAL)
+        counted = np.concatenate([units, np.ones_like(lengths)], axis=2)
+        np.add.at(array, middles[:owned].ravel(), counted[:owned].reshape(-1, 4))
+        sums.scatter_reverse(la.InsertMode.add)
+        sums.scatter_forward()
+        found = array[middles]
+        mean = found[..., :3] / np.maximum(
+            np.linalg.norm(found[..., :3], axis=2, keepdims=True), SMALLEST_NORMAL
+        )
+        return np.where(found[..., 3:] == 2, mean, 0.0)
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:

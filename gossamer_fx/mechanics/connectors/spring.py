@@ -335,7 +335,8 @@ class AxialSpring:
         port: the point x.
         stiffness: k [N/m].
         direction: n; only its direction counts.
-        origin: x0 [m], where the spring is at rest.
+        origin: x0 [m], where the spring is at rest: by default the origin of the coordinates, not
+            the start of the point.
 
     Raises:
         InputError: a direction of length zero, a stiffness that is not positive.

@@ -283,7 +283,8 @@ class Contact:
     neighbouring cells of one film.
 
     Args:
-        bodies: films, cables and beams, and obstacles (`Plane`, `Sphere`, `Cylinder`, `Box`).
+        bodies: films, cables and beams, and obstacles (`Plane`, `Sphere`, `Cylinder`, `Cone`,
+            `Box`, or an `Obstacle` of your own).
         distance: gap d [m] at which contact begins, at most half of the shortest edge; about the
             spacing that packed layers shall keep.
         stiffness: K [N/m³], pressure over closing: k = K d² A of a pair that stands for the area A.

@@ -78,6 +78,13 @@ Gases = tuple[Gas, Gas]
 Pair = tuple[complex, complex]
 
 
+# Usual temperatures of gas [K], its pressures [Pa] and mass flows [kg/s], from least to most, and
+# the likely slip where a number is another one; see `scene.validation`.
+USUAL_TEMPERATURE = (40.0, 5e3, "K", "is it in degrees Celsius?")
+USUAL_PRESSURE = (0.0, 2e8, "Pa", "")
+USUAL_MASS_FLOW = (0.0, 1e3, "kg/s", "is it in g/s or kg/h?")
+
+
 class Holder:
     """Base of gas boundaries of constant state: gas comes from one or goes to it, and it does not
     change, as reservoirs and the surroundings.
@@ -96,6 +103,8 @@ class Holder:
     pressure: float
     temperature: float
     gas: Gas | None
+
+    USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE, "pressure": USUAL_PRESSURE}
 
 
 @runtime_checkable

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from gossamer_fx.core.algebra.dual_numbers import Number, log
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
@@ -39,6 +39,10 @@ class IdealGas:
     name: str = "gas"
     # All of its mass is of one species.
     fractions = (1.0,)
+    USUAL: ClassVar = {
+        "gamma": (1.01, 1.7, "", "is it in per cent?"),
+        "R": (10.0, 5e3, "J/(kg K)", "is it in kJ/(kg K), or of a mole?"),
+    }
 
     @property
     def species(self) -> tuple[IdealGas]:
@@ -119,6 +123,7 @@ class PolynomialGas:
     coefficients: tuple[tuple[float, ...], ...]
     enthalpy_298: Annotated[float, positive("J/kg")]
     name: str = "gas"
+    USUAL: ClassVar = {"R": (10.0, 5e3, "J/(kg K)", "is it in kJ/(kg K), or of a mole?")}
     # All of its mass is of one species.
     fractions = (1.0,)
 

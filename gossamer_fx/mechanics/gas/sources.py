@@ -8,12 +8,22 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Gases, Holder, Pair, Volume
+from gossamer_fx.mechanics.gas.contract import (
+    USUAL_MASS_FLOW,
+    USUAL_PRESSURE,
+    USUAL_TEMPERATURE,
+    Aperture,
+    Gas,
+    Gases,
+    Holder,
+    Pair,
+    Volume,
+)
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.openings import Connection, LinearTable, Orifice
 from gossamer_fx.mechanics.gas.surface import Geometry
@@ -144,6 +154,7 @@ class Inflator:
     name: str = "inflator"
     is_driven = True
     scalar_unknowns = GasNetwork
+    USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE, "mass_flow": USUAL_MASS_FLOW}
 
     @cached_property
     def a(self) -> _Jet:
@@ -263,6 +274,7 @@ class Sublimation:
     accommodation: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
     name: str = "powder"
     scalar_unknowns = GasNetwork
+    USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE, "pressure": USUAL_PRESSURE}
 
     def __post_init__(self) -> None:
         check(

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.bodies.edge_lines import SewnEdges
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.contract import Gas, Holder
+from gossamer_fx.mechanics.gas.contract import USUAL_PRESSURE, USUAL_TEMPERATURE, Gas, Holder
 from gossamer_fx.mechanics.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
@@ -92,6 +92,12 @@ class Chamber:
     """
 
     scalar_unknowns = GasNetwork
+
+    USUAL: ClassVar = {
+        "initial_temperature": USUAL_TEMPERATURE,
+        "initial_pressure": USUAL_PRESSURE,
+        "fixed_volume": (0.0, 1e6, "m³", "is it in litres or mm³?"),
+    }
 
     def __init__(
         self,

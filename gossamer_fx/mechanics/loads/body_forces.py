@@ -196,7 +196,7 @@ class AirDrag(OnBody):
         1.2
     """
 
-    USUAL: ClassVar = {"density": (1e-12, 10.0, "kg/m³")}  # of gases
+    USUAL: ClassVar = {"density": (1e-12, 10.0, "kg/m³", "")}  # of gases
 
     body: Membrane
     density: Annotated[float, positive("kg/m³")]

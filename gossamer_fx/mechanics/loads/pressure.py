@@ -59,7 +59,7 @@ class Pressure(OnBody):
 
     # Suction is a negative pressure.  1e9 Pa tears any film: a value beyond it is one in a wrong
     # unit.
-    USUAL: ClassVar = {"pressure": (-1e9, 1e9, "Pa")}
+    USUAL: ClassVar = {"pressure": (-1e9, 1e9, "Pa", "")}
 
     body: Membrane
     pressure: float | Callable[[float], float]
@@ -132,7 +132,7 @@ class UniformFluid:
         >>> load = gx.loads.FluidPressure(film, air, side="outside")
     """
 
-    USUAL: ClassVar = {"density": (1e-6, 2e4, "kg/m³")}
+    USUAL: ClassVar = {"density": (1e-6, 2e4, "kg/m³", "")}
 
     density: Annotated[float, positive("kg/m³")]
     _: KW_ONLY

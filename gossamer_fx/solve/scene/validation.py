@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
+from dolfinx.mesh import Mesh as DolfinxMesh
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
@@ -20,6 +21,7 @@ from gossamer_fx.core.mesh.edges import edges_of
 from gossamer_fx.core.mesh.quality import (
     NO_SIZE,
     aspects,
+    box,
     cell_quality,
     corner_points,
     extent,
@@ -50,14 +52,18 @@ _ROUND_OFF_THIN = 2e-7
 # Smallest and largest values of structures that are built or flown, and their unit.  Values outside
 # are probably in another unit.  The films and fibres of `presets` have E from 2e9 to 5e11
 # Pa, 900 to 2000 kg/m³ and 2e-6 to 1e-3 m; rubber, foams and metals extend the ranges.
+# The last entry is the likely slip.
 _USUAL = {
-    "E": (1e4, 2e12, "Pa"),
-    "thickness": (1e-8, 1e-2, "m"),
-    "density": (5.0, 3e4, "kg/m³"),
-    "line_density": (1e-9, 1e4, "kg/m"),
-    "temperature": (1.0, 1e4, "K"),
-    "pressure": (0.0, 1e9, "Pa"),
-    "outer_radius": (1e-6, 1e2, "m"),
+    "E": (1e4, 2e12, "Pa", ""),
+    "thickness": (1e-8, 1e-2, "m", "is it in nm, µm or mm?"),
+    "density": (5.0, 3e4, "kg/m³", ""),
+    "line_density": (1e-9, 1e4, "kg/m", ""),
+    "temperature": (1.0, 1e4, "K", "is it in degrees Celsius?"),
+    "pressure": (0.0, 1e9, "Pa", ""),
+    "outer_radius": (1e-6, 1e2, "m", ""),
+    "g": (0.0, 1e3, "m/s²", "is it in mm/s²?"),
+    "friction": (0.0, 3.0, "", "is it in per cent?"),
+    "discharge_coefficient": (0.01, 1.5, "", "is it in per cent?"),
 }
 
 # Largest initial strain that rubber has.
@@ -69,6 +75,11 @@ _STRETCH = 1.5
 
 # Smallest and largest extent [m] of a mesh that is probably in metres.
 _EXTENT = (1e-4, 1e5)
+# Of a film: the largest sails that were designed are 200 m large.
+_FILM_EXTENT = 300.0
+
+# Width of a plate over its thickness below which it is too stiff in its plane by more than 3 %.
+_WIDE_PLATE = 0.1
 
 # Warnings that this process has printed, or rank 0 for it.
 _printed: set[str] = set()
@@ -93,6 +104,7 @@ def warnings(items: list[Any]) -> Iterator[str]:
             yield from _of_displacement(item)
         for holder in (item, getattr(item, "law", None)):
             yield from _of_numbers(item.name, holder)
+        yield from _of_gas(item)
         if hasattr(item, "warnings"):
             yield from item.warnings(items)
 
@@ -116,6 +128,11 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     )
     if not _EXTENT[0] <= size <= _EXTENT[1]:
         yield f"The mesh of '{body.name}' is {size:.3g} m large; lengths are in metres."
+    elif corners.shape[1] == 3 and size > _FILM_EXTENT:
+        yield (
+            f"The film '{body.name}' is {size:.3g} m large, which is unusual; lengths are in "
+            "metres: is the mesh in millimetres?"
+        )
     groups = {}
     if isinstance(body, Meshed):
         groups = body.mesh.groups
@@ -173,6 +190,14 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 "of its membrane forces, and it may be too stiff by any factor; "
                 "give cells of aspect near one, or a Membrane."
             )
+        width = _width(domain) if bends else size
+        if bends and thickness > _WIDE_PLATE * width:
+            factor = 1 + 3 * (thickness / width) ** 2
+            yield (
+                f"The plate '{body.name}' is {thickness:.3g} m thick and {width:.3g} m wide: in "
+                f"its plane it is too stiff by 1 + 3 (t/b)² = {factor:.3g}; "
+                "take a Beam for so narrow a strip."
+            )
         if thickness > _THICK * size:
             yield (
                 f"The film '{body.name}' is {thickness:.3g} m thick and {size:.3g} m large; "
@@ -180,15 +205,48 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
             )
 
 
+def _width(domain: DolfinxMesh) -> float:
+    """The second largest extent [m] of a mesh along the principal axes of its nodes, e.g. the width
+    of a strip.  Collective."""
+    comm = domain.comm
+    x = domain.geometry.x
+    sums = comm.allreduce(np.concatenate([x.sum(axis=0), [len(x)]]))
+    arms = x - sums[:3] / sums[3]
+    axes = np.linalg.eigh(comm.allreduce(arms.T @ arms))[1]
+    low, high = box(comm, arms @ axes)
+    return float(np.sort(high - low)[1])
+
+
 def _of_numbers(name: str, holder: Any) -> Iterator[str]:
     """Warnings about numbers of an item or its law that are probably in another unit."""
-    for attribute, (least, most, unit) in (_USUAL | getattr(holder, "USUAL", {})).items():
+    for attribute, (least, most, unit, slip) in (_USUAL | getattr(holder, "USUAL", {})).items():
         value = getattr(holder, attribute, None)
+        if attribute == "g" and isinstance(value, tuple):
+            value = float(np.linalg.norm(value))
         if isinstance(value, int | float) and not least <= value <= most:
+            with_unit = f" {unit}" if unit else ""
+            question = f": {slip}" if slip else "."
             yield (
-                f"'{name}': {attribute} = {value:g} {unit} is unusual, "
-                f"{least:g} to {most:g} {unit} is not; numbers are in SI units."
+                f"'{name}': {attribute} = {value:g}{with_unit} is unusual, "
+                f"{least:g} to {most:g}{with_unit} is not; numbers are in SI units{question}"
             )
+
+
+def _of_gas(item: Any) -> Iterator[str]:
+    """Warnings about the gas of an item, and about boundaries of gas that are not items."""
+    if not hasattr(item, "scalar_unknowns"):
+        return
+    # Imported here, as scenes without gas must not pay for it.
+    from gossamer_fx.mechanics.gas.contract import Holder
+
+    for attribute in ("a", "b", "outside"):
+        boundary = getattr(item, attribute, None)
+        if isinstance(boundary, Holder):
+            yield from _of_numbers(boundary.name, boundary)
+            yield from _of_gas(boundary)
+    gas = getattr(item, "gas", None)
+    for species in getattr(gas, "species", ()):
+        yield from _of_numbers(species.name, species)
 
 
 def _of_strain(body: MeshBody) -> Iterator[str]:
