@@ -9,6 +9,7 @@ The public names are listed in `__init__.pyi`: core names, e.g. `gx.Scene`, and 
 
 import sys
 
+from gossamer_fx.core.checks.door import Door
 from gossamer_fx.core.checks.ending import watch_uncaught_errors
 from gossamer_fx.core.checks.lazy_names import NamespaceFinder, lazy_names
 from gossamer_fx.version import VERSION
@@ -16,5 +17,5 @@ from gossamer_fx.version import VERSION
 __version__ = VERSION
 __getattr__, __dir__, __all__ = lazy_names(__name__, __file__)
 
-sys.meta_path.insert(0, NamespaceFinder(__name__, __file__))
+sys.meta_path[:0] = [Door(), NamespaceFinder(__name__, __file__)]
 watch_uncaught_errors()

@@ -39,8 +39,8 @@ def mesh_of_arrays(
     Args:
         arrays: called on rank 0; returns points (n, 3) [m], triangles (m, 3) as numbers of points
             from 0, and nodes of further groups than "film" by name: (1,) of a point, (k, 2) of the
-            edges of a curve, (k, 3) of the triangles of a surface.  Surfaces, if any, are together
-            all triangles.
+            edges of a curve, (k, 3) of the triangles of a surface.  A triangle may be in several
+            surfaces.
 
     Raises:
         InputError: `arrays` raises an error, or the mesh cannot be used, e.g. without triangles.
@@ -54,18 +54,23 @@ def mesh_of_arrays(
                 has_integers or (name == "points" and real_numbers(array) is not None),
                 f"mesh_of_arrays: {name} is not an array of numbers of points; give integers.",
             )
-        parts = {name: nodes for name, nodes in groups.items() if _dimension(nodes) == 2}
-        others = {name: nodes for name, nodes in groups.items() if name not in parts}
+        surfaces = {name: nodes for name, nodes in groups.items() if _dimension(nodes) == 2}
+        # gmsh has each triangle once, in one entity; an entity may be in several groups.
+        entities: dict[str, list[int]] = {name: [] for name in surfaces}
         film: list[int] = []
-        for name, nodes in (parts or {"": triangles}).items():
+        for names, nodes in _pieces(triangles, surfaces):
             entity = model.addDiscreteEntity(2)
             # gmsh wants each node once: the first entity brings those of all.
             add_triangles(model, entity, points[:0] if film else points, nodes)
             film.append(entity)
-            if name:
-                model.addPhysicalGroup(2, [entity], name=name)
+            for name in names:
+                entities[name].append(entity)
+        for name, parts in entities.items():
+            model.addPhysicalGroup(2, parts, name=name)
         model.addPhysicalGroup(2, film, name="film")
-        for name, nodes in others.items():
+        for name, nodes in groups.items():
+            if name in surfaces:
+                continue
             dim = _dimension(nodes)
             entity = model.addDiscreteEntity(dim)
             model.mesh.addElementsByType(
@@ -96,6 +101,34 @@ def add_triangles(model: Any, entity: int, points: Points, triangles: Numbers) -
         [],
         (triangles + 1).ravel(),
     )
+
+
+def _pieces(triangles: Numbers, surfaces: Mapping[str, Numbers]) -> list[tuple[list[str], Numbers]]:
+    """Triangles (m, 3) by the surfaces that they are in: names of surfaces, and the triangles
+    (n, 3) that are in all of these and in no other one, in the order of the surfaces."""
+    if not surfaces:
+        return [([], triangles)]
+    rows = np.concatenate([triangles, *surfaces.values()])
+    _, numbers = np.unique(np.sort(rows), axis=0, return_inverse=True)
+    # The shape of the inverse differs between versions of NumPy.
+    own, *of_surfaces = np.split(
+        numbers.ravel(), np.cumsum([len(triangles), *map(len, surfaces.values())])[:-1]
+    )
+    is_in = np.empty((len(triangles), len(surfaces)), dtype=bool)
+    for column, (name, found) in enumerate(zip(surfaces, of_surfaces, strict=True)):
+        check(
+            bool(np.isin(found, own).all()),
+            f"mesh_of_arrays: the surface '{name}' has a triangle that is none of the triangles; "
+            "add it to them.",
+        )
+        is_in[:, column] = np.isin(own, found)
+    # Those that are in the first surface come first: False sorts below True.
+    kinds, kind_of = np.unique(~is_in, axis=0, return_inverse=True)
+    pieces = []
+    for number, kind in enumerate(kinds):
+        names = [name for name, is_out in zip(surfaces, kind, strict=True) if not is_out]
+        pieces.append((names, triangles[kind_of.ravel() == number]))
+    return pieces
 
 
 def _dimension(nodes: Numbers) -> int:

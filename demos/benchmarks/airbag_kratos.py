@@ -120,11 +120,17 @@ while steps * dt < case["until"]:
             len(recent) == 10 and np.ptp(recent) < case["still"] * abs(recent[-1])
         ):
             break
+# The volume below the triangles of a quarter of one sheet, of eight.
+deformed = np.array([[node.X, node.Y, node.Z] for node in part.Nodes])[triangles]
+first, second = deformed[:, 1] - deformed[:, 0], deformed[:, 2] - deformed[:, 0]
+areas = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+volume = 8 * abs(float(np.dot(areas, deformed[:, :, 2].mean(axis=1))))
 result = {
     **clock.figures(),
     "dofs": X.size,
     "steps": steps,
     "w_M": part.Nodes[1].Z,
+    "V": volume,
     "until": steps * dt,
 }
 print(json.dumps(result))

@@ -61,7 +61,11 @@ def medians(results: list[Result], *names: str) -> dict[tuple[Any, ...], Figures
             key = tuple(result.values[name] for name in names)
             groups.setdefault(key, []).append(result)
     return {
-        key: {name: median(r.numbers[name] for r in found) for name in found[0].numbers}
+        key: {
+            name: median(r.numbers[name] for r in found)
+            for name, number in found[0].numbers.items()
+            if not isinstance(number, list)
+        }
         for key, found in groups.items()
     }
 
@@ -89,6 +93,13 @@ def turns(name: str, problem: Problem, runs: int, quick: bool) -> CaseSet:
                     apart = abs(figures[figure] / own[figure] - 1)
                     words = f"{label}, {program}: {figure} differs by {apart:.1e} > {largest:.0e}"
                     yield Judgement(words, apart <= largest)
+            if package_of(program) == SELF:
+                answers = {**problem.answers.get("all", {}), **problem.answers.get(label, {})}
+                for figure, (answer, largest) in answers.items():
+                    error = abs(figures[figure] - answer) / (abs(answer) or 1.0)
+                    words = f"{label}, {program}: {figure} {figures[figure]:.6g}, answer "
+                    words += f"{answer:.6g}, off by {error:.1e} > {largest:.0e}"
+                    yield Judgement(words, error <= largest)
             for figure, largest in problem.limits.items():
                 if package_of(program) == SELF:
                     value = figures[figure]

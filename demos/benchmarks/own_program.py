@@ -24,7 +24,7 @@ from mpi4py import MPI
 from newton_times import profile
 from rank_counts import rank_counts
 from scaling_model import scaling_model
-from shared_problems import CASES, MODULI
+from shared_problems import CASES, MODULI, instants_of
 from stopwatch import Stopwatch
 
 import gossamer_fx as gx
@@ -128,10 +128,12 @@ def pendulum(
     series = gx.Series(swing.probes)
     figures = watch.measure(swing.simulation([series]), until)
     film = series["film [m]"]
+    instants = np.array(instants_of(until))
     # At the end and over the time: the film vibrates, so that its value at the end depends on the
     # phase.
     return figures | {
         "tip [mm]": 1e3 * series["tip [m]"][-1],
+        "tips [mm]": (1e3 * np.interp(instants, series.time, series["tip [m]"])).tolist(),
         "film, end [mm]": 1e3 * film[-1],
         "film, rms [mm]": 1e3 * np.sqrt(np.mean(film**2)),
         "film, largest [mm]": 1e3 * film.max(),
@@ -141,15 +143,17 @@ def pendulum(
 # ---- equilibria ----------------------------------------------------------------------------------
 
 
-def found_by(search: gx.Equilibrium) -> Figures:
-    """Find an equilibrium, and return the times, the unknowns and the iterations as "steps"."""
+def found_by(search: gx.Equilibrium) -> tuple[Figures, gx.analysis.EquilibriumResult]:
+    """Find an equilibrium, and return the times, the unknowns and the iterations as "steps", and
+    the result."""
     clock = Clock()
     found = search.find()
-    return {
+    figures = {
         **clock.figures(),
         "dofs": search.system.numbering.size,
         "steps": found.iterations,
     }
+    return figures, found
 
 
 def airbag(n: int = 8, order: int = 1, law: str = "isotropic", angle: float = 0.0) -> Figures:
@@ -166,9 +170,10 @@ def airbag(n: int = 8, order: int = 1, law: str = "isotropic", angle: float = 0.
             residual_stiffness=1e-6,
         )
     film, search = airbag_study.airbag(COMM, film_law, order, n)
-    figures = found_by(search)
+    figures, found = found_by(search)
     height = airbag_study.displacement(film, search, "bottom left")[2]
-    return figures | {"w_M": float(height)}
+    volume, potential = airbag_study.volume_and_potential(found)
+    return figures | {"w_M": float(height), "V": volume, "potential": potential}
 
 
 def plate(shape: str = "strip", n: int = 16, step: float = 50.0) -> Figures:
@@ -190,7 +195,7 @@ def plate(shape: str = "strip", n: int = 16, step: float = 50.0) -> Figures:
         gx.Scene(body, gx.Fixed(body, held, rotation=True), load),
         gx.analysis.Continuation(first_step=step),
     )
-    figures = found_by(search)
+    figures, _ = found_by(search)
     # Vertical coordinates; the reference is the largest deflection of the loaded edge.
     z = search.system.q0.array_r[2::3]
     deflection = float(z[body.nodes(loaded)].max())
@@ -297,7 +302,7 @@ def main() -> None:
         figures = solve(**words(defaults))
     warnings = [text for texts in COMM.allgather(own_warnings) for text in texts]
     if COMM.rank == 0:
-        numbers = {name: float(np.real(value)) for name, value in figures.items()}
+        numbers = {name: np.asarray(value).real.tolist() for name, value in figures.items()}
         print(json.dumps(numbers | {"warnings": list(dict.fromkeys(warnings))}))
 
 

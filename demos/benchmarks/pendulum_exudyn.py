@@ -21,6 +21,7 @@ from exudyn.itemInterface import (
     SensorBody,
     SensorNode,
 )
+from shared_problems import instants_of
 
 # The antenna of the paper: sizes [m] and gravity [m/s²].
 SIDE = 2.1
@@ -141,17 +142,18 @@ surface = np.einsum("cp,ctk->ptk", [(1 - u) * (1 - v), u * (1 - v), u * v, (1 - 
 normal = np.cross(q[1] - q[0], q[3] - q[0])
 normal /= np.linalg.norm(normal, axis=1)[:, None]
 deflection = np.sqrt(np.mean(np.einsum("ptk,tk->pt", x - surface, normal) ** 2, axis=0))
+instants = mbs.GetSensorStoredData(of_corners[2])[:, 0].tolist()
 result = {
     **measured,
     "dofs": len(mbs.systemData.GetODE2Coordinates()),
     "steps": round(case["until"] / case["dt"]),
     "tip [mm]": 1e3 * q[2, -1, 2],
+    "tips [mm]": (1e3 * np.interp(instants_of(case["until"]), instants, q[2, :, 2])).tolist(),
     "film, end [mm]": 1e3 * deflection[-1],
     "film, rms [mm]": 1e3 * float(np.sqrt(np.mean(deflection**2))),
     "film, largest [mm]": 1e3 * deflection.max(),
 }
 if case["output"]:
-    instants = mbs.GetSensorStoredData(of_corners[2])[:, 0].tolist()
     heights = {"time": instants, "tip": q[2, :, 2].tolist()}
     Path(case["output"]).write_text(json.dumps(result | heights), encoding="utf-8")
 print(json.dumps(result))

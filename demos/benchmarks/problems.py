@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 Words = dict[str, object]  # words of a script; see contestants.run
 Cases = dict[str, dict[str, Words]]  # by size, then by contestant
-Figures = dict[str, float]
+Figures = dict[str, Any]  # numbers, or lists of them at instants
 
 # An error below this is round-off; it is drawn here, because a logarithmic axis has no zero.
 SMALLEST_ERROR = 1e-16
@@ -24,6 +26,7 @@ class Problem:
     Attributes:
         title, unit, cases, quick, peers, equal, limits, expected_warnings, chart, script, seconds:
             as the file has them.
+        answers: by case, or for "all", [answer, largest relative error] by figure, of this program.
         cost: names of the figures of which the ratio to the peers is: the first one, divided by the
             others.
         scale: factor of the cost.
@@ -39,6 +42,7 @@ class Problem:
     peers: Sequence[str] = ()
     equal: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
+    answers: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     expected_warnings: Mapping[str, str] = field(default_factory=dict)
     chart: bool = False
     script: str = ""
@@ -76,11 +80,17 @@ class ErrorProblem:
             answer: figures of the answer; empty if it is not computed.
         """
         name = str(self.error["figure"])
+        if isinstance(figures[name], list):
+            # Values at several instants: the root of the mean square over time.
+            apart = np.subtract(figures[name], answer[name])
+            return max(float(np.sqrt(np.mean(apart**2))), SMALLEST_ERROR)
         error = figures[name] * self.error.get("scale", 1.0)
         if "exact" in self.error:
             error = error / self.error["exact"] - 1
         elif answer:
-            error -= answer[name]
+            error -= answer[name] * self.error.get("scale", 1.0)
+            if self.error.get("relative"):
+                error /= answer[name] * self.error.get("scale", 1.0)
         return max(abs(error), SMALLEST_ERROR)
 
 

@@ -54,3 +54,9 @@ def mapped(shape: str, u, v):
     angle = -2 * np.pi * u
     radius = 6 + 4 * v
     return radius * np.cos(angle), radius * np.sin(angle), 0 * u
+
+
+def instants_of(until: float) -> list[float]:
+    """Forty instants [s] at which the heights of the tip of the pendulum are compared: with an end
+    of 2 s they are multiples of all steps."""
+    return [until * k / 40 for k in range(1, 41)]

@@ -1,4 +1,4 @@
-"""Inflatable tubes of compartments, folded or flat, in one call."""
+"""Inflatable tubes of compartments, folded or not, with flat or round ends, in one call."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any
 
 import gossamer_fx as gx
-from gossamer_fx.build.fold.fold_map import Folded, FoldMap
+from gossamer_fx.build.fold.folding import Folded, Folding
 from gossamer_fx.extend import (
     FilmLaw,
     State,
@@ -29,8 +29,9 @@ class InflatableTube:
     Attributes that were not asked for are None or empty.  In a scene the tube brings all of them.
 
     Args:
-        mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`: if there are
-            several compartments, "compartment 1" and so on and "ring 1" and so on.
+        mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`, whose ends are
+            flat, or of `gossamer_fx.meshes.round_tube.round_tube`: if there are several
+            compartments, "compartment 1" and so on and "ring 1" and so on.
         law: of the film.
         properties: numbers of the law that differ along the tube, see `Membrane`.
         gas: in it, at 293 K at the start.
@@ -40,8 +41,9 @@ class InflatableTube:
         clamp: group of the mesh that is fixed; None: the tube is free.
         caps: rigid bodies to which ends of the tube are fixed, e.g. a satellite, by the group of
             the end.
-        folds: map with which the tube starts folded; default flat.
-        origin: position of the folded shape [m], see `FoldMap.start`.
+        folds: with which the tube starts folded, e.g. `gx.fold.Zigzag` or, of a round tube,
+            `gx.fold.TubeZigzag`; default as it is made.
+        origin: position of the folded shape [m], see `Folding.start`.
         turn: its rotation vector [rad].
         crease_stiffness: of creases at the fold lines [N m/m/rad]; zero: none.
         set_angle_ratio: rest angle of creases over the angle of their folds, 0 to 1.
@@ -77,7 +79,7 @@ class InflatableTube:
         outside: gx.gas.Ambient | None = None,
         clamp: str | None = "inlet",
         caps: Mapping[str, gx.RigidBody] | None = None,
-        folds: FoldMap | None = None,
+        folds: Folding | None = None,
         origin: Vector = (0.0, 0.0, 0.0),
         turn: Vector = (0.0, 0.0, 0.0),
         crease_stiffness: Annotated[float, not_negative("N m/m/rad")] = 0.0,

@@ -62,7 +62,7 @@ from demos.common.manufacturing import (
     move_rows,
     stations,
 )
-from gossamer_fx.build.fold.fold_map import FoldMap
+from gossamer_fx.build.fold.folding import Folding
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
@@ -152,7 +152,7 @@ def build(
     width = math.pi * diameter / 2
     half = length / panels
     mesh = flat_tube(comm, length, diameter, cells, compartments=panels)
-    folds: FoldMap
+    folds: Folding
     if start == "zigzag":
         folds = UnevenZigzag(
             length=length,

@@ -3,8 +3,10 @@ every one.
 
 Writes FOLDER/NAME/runs.csv, NAME.md and NAME.png, and in the full form the study's rows of the
 table in demos/studies/summary.md, a page of the site.  What is in the folder already is not
-computed again: an interrupted study goes on where it stopped.  Ends with code 1 if something is not
-as a study declares, also in the quick form, and on every warning that a study does not expect.
+computed again: an interrupted study goes on where it stopped.  Results are compared with those of
+demos/studies/results, which --store writes.  Ends with code 1 if a result differs from the stored
+one beyond its repeatability, in either direction, or is not as the study declares though the stored
+one is, and on every warning that a study does not expect.  Known misses are printed.
 On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
 """
 
@@ -23,15 +25,20 @@ from mpi4py import MPI
 
 from demos.studies.engine.named import outcome_of, study_of
 from demos.studies.engine.study import SUMMARY_HEAD
-from gossamer_fx.analysis.cases.case_set import run_cases, verdict
-from gossamer_fx.analysis.cases.results import markdown_table
-from gossamer_fx.core.checks.errors import InputError
+from gossamer_fx.analysis.cases.case_set import Judgement, changes, run_cases, verdict
+from gossamer_fx.analysis.cases.results import markdown_table, read_results, write_results
+from gossamer_fx.core.checks.errors import InputError, on_rank_zero
 
 HERE = Path(__file__).parent
 NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
 PAGE = HERE / "summary.md"
 # The part of the page that is written by this command.
 BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTALL)
+
+
+def stored_file(name: str, quick: bool) -> Path:
+    """The stored results of the full or the quick form of a study."""
+    return HERE / "results" / f"{name}{'-quick' * quick}.json"
 
 
 def write_page(summaries: dict[str, list[list[str]]]) -> None:
@@ -68,20 +75,33 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument(
         "-j", "--jobs", type=int, default=1, help="processes that share the cases, one rank each"
     )
+    parser.add_argument(
+        "--store", action="store_true", help="store the results with which later ones are compared"
+    )
     wanted = parser.parse_args(words)
     executor = None
     if wanted.jobs > 1:
         # Forked processes would share the state of MPI.
         executor = ProcessPoolExecutor(wanted.jobs, mp_context=get_context("spawn"))
     judgements = {}
+    known: dict[str, list[Judgement]] = {}
     summaries: dict[str, list[list[str]]] = {}
     for name in NAMES if wanted.name == "all" else [wanted.name]:
         study = study_of(name)
         cases = replace(study.case_set(comm, wanted.quick), outcome=partial(outcome_of, name))
         results = run_cases(cases, comm, wanted.out / name, fresh=wanted.fresh, executor=executor)
-        judgements[name] = cases.judgements(results)
+        recorded = study.to_be_stored(results)
+        file = stored_file(name, wanted.quick)
+        if wanted.store:
+            on_rank_zero(comm, partial(write_results, file, name, recorded))
+        stored = read_results(file, name)
+        judgements[name] = [
+            *cases.judgements(results),
+            *changes(recorded, stored, study.repeatability, study.compared_numbers),
+        ]
+        known[name] = cases.judgements(stored) if stored else []
         summaries[name] = list(study.summary(results))
-    text, is_well = verdict(judgements)
+    text, is_well = verdict(judgements, known)
     if comm.rank == 0:
         if not wanted.quick and PAGE.is_file():
             write_page(summaries)

@@ -29,7 +29,7 @@ from scipy import sparse
 
 import gossamer_fx as gx
 from demos.studies.elastica_law import FILM, HEIGHT, LENGTH, half_wavelength, moved, sheared, waved
-from demos.studies.engine.study import NOT_REGULAR, NOT_STABLE, Study
+from demos.studies.engine.study import NOT_REGULAR, NOT_STABLE, Claim, Study
 from gossamer_fx.core.checks.errors import NoEquilibrium
 from gossamer_fx.meshes.sheet import sheet
 
@@ -116,6 +116,16 @@ STUDY = Study(
     quick={"columns": [12, 24]},
     shows=("at rest", "force", "height [mm]"),
     expected_warnings=NOT_REGULAR | NOT_STABLE,
+    claims=(
+        # Of docs/theory/wrinkling.md: the finer the cells, the more unstable directions has the
+        # film; a plate comes to rest, with the force of the film that is kept in its plane.
+        Claim("unstable", 10, 10, {"body": "film", "columns": 12}),
+        Claim("unstable", 90, 112, {"body": "film", "columns": 36}),
+        Claim("at rest", 1, 1, {"body": "plate"}),
+        Claim("force", 131.0, 131.4, {"columns": 12}),
+        Claim("force", 129.7, 130.1, {"columns": 24}),
+        Claim("force", 129.4, 129.8, {"columns": 36}),
+    ),
     columns=(
         "cell [mm], unstable, at rest, iterations, force, energy, free energy, height [mm], "
         "plane iterations, seconds"

@@ -47,7 +47,7 @@ from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from demos.studies.bending_strip import supported
-from demos.studies.engine.study import NOT_STABLE, Study, search_figures
+from demos.studies.engine.study import NOT_REGULAR, NOT_STABLE, Claim, Study, search_figures
 from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import FilmLaw
@@ -310,10 +310,19 @@ STUDY = Study(
     lambda case: case["thickness"],
     quick={"thickness": [200e-6], "model": ["plate", "tension field", WITH_TENSION]},
     shows=("excess", "error"),
+    # Of docs/theory/wrinkling.md: 9.4 and 3.0 % of the moment 0.69, 0.64 with a tension field, 2.9
+    # and 0.1 % with λ/√2.
+    claims=(
+        Claim("error", -0.068, -0.062, {"thickness": 200e-6, "model": "tension field"}),
+        Claim("error", -0.021, -0.018, {"thickness": 70e-6, "model": "tension field"}),
+        Claim("error", -0.022, -0.018, {"thickness": 200e-6, "model": WITH_TENSION}),
+        Claim("error", -0.0015, 0.0015, {"thickness": 70e-6, "model": WITH_TENSION}),
+        Claim("plate's λ [mm]", 28.0, 29.0, {"thickness": 200e-6, "model": "plate"}),
+    ),
     columns=(
         "λ [mm], plate's λ [mm], least λ [mm], largest λ [mm], s/σ0, m, K, excess, excess by hand, "
         "error, unknowns, iterations, residual, seconds"
     ),
     draw=draw,
-    expected_warnings=NOT_STABLE,
+    expected_warnings=NOT_STABLE | NOT_REGULAR,
 )

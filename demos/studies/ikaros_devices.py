@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from demos.orbit.windmill import FLIGHT
 from demos.sails.ikaros_devices import Build, figures, steady
-from demos.studies.engine.study import Study
+from demos.studies.engine.study import Claim, Study
 from gossamer_fx.analysis.cases.results import Result
 
 AS_BUILT = "as built"
@@ -92,6 +92,19 @@ STUDY = Study(
     lambda case: case["rpm"],
     quick={"rpm": [2.5], "build": ["neither bending nor tapes", "no bending"]},
     shows=("warp", "spin change"),
+    claims=(
+        # Of the table of docs/findings.md.
+        Claim("rms height", 2.15, 2.28, {"rpm": 1.0, "build": "as built"}),
+        Claim("rms height", 0.505, 0.536, {"rpm": 2.5, "build": "as built"}),
+        Claim("rms height", 2.0, 2.1, {"rpm": 1.0, "build": "flat devices"}),
+        Claim("rms height", 2.78, 2.94, {"rpm": 1.0, "build": "curvature × 4"}),
+        Claim("rms height", 3.46, 3.66, {"rpm": 1.0, "build": "devices × 2 thick"}),
+        # Without bending, and with flat devices, nothing drives a windmill.
+        Claim("torque", -1e-12, 1e-12, {"build": "no bending"}),
+        Claim("torque", -1e-12, 1e-12, {"build": "flat devices"}),
+        Claim("torque", -9e-9, -6.5e-9, {"rpm": 1.0, "build": "as built"}),
+        Claim("torque", 4e-7, 5e-7, {"rpm": 1.0, "build": "curvature × 4, other devices"}),
+    ),
     columns=(
         "rms height, warp, rms tilt, taut, slack tethers, J, spin change, torque, iterations, "
         "residual, unknowns, seconds"

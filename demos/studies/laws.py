@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
-from demos.studies.engine.study import NOT_STABLE, Study, search_figures
+from demos.studies.engine.study import NOT_STABLE, Claim, Study, search_figures
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.records.fields.film_states import AreaFractions
 
@@ -83,6 +83,21 @@ STUDY = Study(
     lambda case: math.nan,
     quick={"scene": ["strip"], "law": ["Linear", "Miyazaki 1e-6"]},
     shows=("error", "wrinkled"),
+    claims=(
+        # Of the table of docs/theory/wrinkling.md, and the literature's volume.
+        Claim("m or V", 0.806, 0.811, {"scene": "strip", "law": "Linear"}),
+        *(
+            Claim("m or V", 0.530, 0.5335, {"scene": "strip", "law": law})
+            for law in STRIP
+            if law not in ("Linear", "Miyazaki 1e-2")
+        ),
+        Claim("m or V", 0.1210, 0.1222, {"scene": "airbag", "law": "Linear"}),
+        *(
+            Claim("m or V", 0.1246, 0.1252, {"scene": "airbag", "law": law})
+            for law in AIRBAG
+            if law != "Linear"
+        ),
+    ),
     columns="m or V, error, u, σ1, taut, wrinkled, slack, iterations, residual, seconds",
     may_fail=True,  # Linear on the airbag
     expected_warnings=NOT_STABLE,  # Miyazaki 1e-2 on the airbag

@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.films.spinning_sheet import main
-from demos.studies.engine.study import Study
+from demos.studies.engine.study import Claim, Study
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule, defect, gradient
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
@@ -85,5 +85,23 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"rule": ["Gonzalez", "exact"], "h": [1e-3]},
     shows=("newton_per_step", "substeps"),
+    claims=(
+        # Of the table of docs/theory/step.md: the exact average needs no more than twice the
+        # iterations of a small step, Gonzalez' gradient a multiple of them.
+        Claim("newton_per_step", 3.3, 4.1, {"rule": "exact", "h": 1e-4}),
+        Claim("newton_per_step", 6.0, 7.4, {"rule": "exact", "h": 1e-3}),
+        Claim("newton_per_step", 8.1, 9.9, {"rule": "exact", "h": 4e-3}),
+        Claim("newton_per_step", 37.0, 46.0, {"rule": "Gonzalez", "h": 1e-3}),
+        Claim("substeps", 0, 0, {"rule": "exact"}),
+        Claim("substeps", 37, 45, {"rule": "Gonzalez", "h": 1e-3}),
+        Claim("energy_drift", 0.0, 1e-12, {"rule": "exact"}),
+        Claim("energy_drift", 0.0, 1e-12, {"rule": "Gonzalez"}),
+        Claim("energy_drift", 3.5e-7, 4.2e-7, {"rule": "variational", "h": 1e-4}),
+        Claim("angular_momentum_drift", 0.0, 1e-13, {"rule": "exact"}),
+        Claim("angular_momentum_drift", 0.0, 1e-13, {"rule": "Gonzalez"}),
+    ),
+    not_repeatable=dict.fromkeys(
+        ("energy_drift", "energy_error", "angular_momentum_drift"), "round-off"
+    ),
     columns=COLUMNS,
 )

@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.mechanics.loads.viscoelasticity import StepWeights, loss_of
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
@@ -34,6 +35,23 @@ def cable(comm):
 def beam(comm):
     section = gx.sections.solid_circle(0.01, E=1e7, nu=0.3, density=1000.0)
     return gx.Beam(line(comm, ENDS, 4), section, velocity=spun)
+
+
+def wrinkling(comm):
+    law = gx.Miyazaki(1e6, 0.3, density=1000.0, thickness=1e-3, residual_stiffness=1e-3)
+    return gx.Membrane(irregular_sheet(comm, 4, 2, 0.6, 0.3), law, velocity=spun)
+
+
+def tension_field(comm):
+    law = gx.TensionField(1e6, 0.3, density=1000.0, thickness=1e-3)
+    return gx.Membrane(irregular_sheet(comm, 4, 2, 0.6, 0.3), law, velocity=spun)
+
+
+def woven(comm):
+    law = gx.Orthotropic(
+        1e6, 5e5, 0.2, 1e5, density=1000.0, thickness=1e-3, direction=(1.0, 0.3, 0.0)
+    )
+    return gx.Membrane(irregular_sheet(comm, 4, 2, 0.6, 0.3), law, velocity=spun)
 
 
 def thrown(body, **options):
@@ -102,7 +120,7 @@ def test_tension_and_stress_are_those_that_a_balance_would_show(comm, order, tmp
 
 
 @pytest.mark.mpi(1)
-@pytest.mark.parametrize("make", [film, cable, beam])
+@pytest.mark.parametrize("make", [film, cable, beam, wrinkling, tension_field, woven])
 def test_a_free_body_loses_what_is_booked_and_keeps_its_momenta(comm, make):
     run = thrown(make(comm))
     first = run.totals
@@ -116,13 +134,14 @@ def test_a_free_body_loses_what_is_booked_and_keeps_its_momenta(comm, make):
 
 
 @pytest.mark.mpi(1)
-def test_a_restart_goes_on_from_the_strains_of_the_branches(comm, tmp_path):
+@pytest.mark.parametrize("make", [film, wrinkling])
+def test_a_restart_goes_on_from_the_strains_of_the_branches(comm, make, tmp_path):
     folder = comm.bcast(str(tmp_path), root=0)
-    whole = thrown(film(comm))
+    whole = thrown(make(comm))
     whole.run(until=4e-3)
-    first = thrown(film(comm), checkpoints=gx.Checkpoints(folder, every=10))
+    first = thrown(make(comm), checkpoints=gx.Checkpoints(folder, every=10))
     first.run(until=2e-3)
-    second = thrown(film(comm), restart=folder)
+    second = thrown(make(comm), restart=folder)
     second.run(until=4e-3)
     assert second.totals.losses == pytest.approx(whole.totals.losses, rel=1e-9)
     assert second.system.q0.array_r == pytest.approx(whole.system.q0.array_r, abs=1e-13)
@@ -151,11 +170,11 @@ def test_at_rest_the_branches_have_relaxed():
         (lambda m: (gx.Plate(m, LAW), (1.0,), (1.0,)), "bending does not relax"),
         (
             lambda m: (
-                gx.Membrane(m, gx.TensionField(1e6, 0.3, density=1e3, thickness=1e-3)),
+                gx.Membrane(m, gx.materials.NeoHooke(1e6, density=1e3, thickness=1e-3)),
                 (1.0,),
                 (1.0,),
             ),
-            "not quadratic in the strain",
+            "neither quadratic in the strain nor one that is when the film is taut",
         ),
         (
             lambda m: (
@@ -188,3 +207,201 @@ def test_a_method_of_first_order_for_it_says_so(comm, caplog):
     caplog.clear()
     gx.Simulation(gx.Scene(body), gx.GeneralizedAlpha(dt=2e-4))
     assert "first order" not in caplog.text
+
+
+# ---- films that wrinkle, and damping that is flat over a band ------------------------------------
+
+STRETCH = 2e-3  # of a strip that is taut
+
+
+def stretched(law, motion, *items, dt):
+    """A sheet of which all nodes are moved: strains (e11, e22) as a function of time."""
+
+    def move(X, t):
+        along, across = (math.sqrt(1 + 2 * e) - 1 for e in motion(t))
+        return np.stack([along * X[0], across * X[1], 0 * X[0]])
+
+    # Branches are relaxed in the strain of the start.
+    at_start = lambda X: move(X, 0.0)  # noqa: E731
+    body = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2, 0.2, 0.1), law, displacement=at_start)
+    relaxing = [item(body) for item in items]
+    grip = gx.Fixed(body, "film", motion=move)
+    return gx.Simulation(gx.Scene(body, grip, *relaxing), gx.Midpoint(dt=dt, tolerances=TIGHT))
+
+
+@pytest.mark.parametrize("x", [1e-9, 1e-3, 0.5, 0.999, 1.001, 3.0, 50.0])
+def test_the_weights_of_a_step_are_those_of_a_steady_rate(x):
+    """z' = 1 - z/τ and the mean of z, by 2000 steps of the trapezoidal rule on each."""
+    weights = StepWeights.of(x, 1.0)
+    t = np.linspace(0.0, x, 2001)
+    z = -np.expm1(-t) / x
+    assert weights.change == pytest.approx(z[-1], rel=1e-13)
+    assert weights.mean == pytest.approx(np.trapezoid(z, t) / x, rel=1e-6 + 1e-6 * x**2)
+    # The loss is positive whatever the strains: a matrix (z0, Δe) without a negative eigenvalue.
+    of_both = (1 - weights.decay) * weights.change
+    of_change = 2 * weights.mean - weights.change**2
+    of_start = (1 - weights.decay) * (1 + weights.decay)
+    loss = np.array([[of_start, of_both], [of_both, of_change]])
+    assert np.linalg.eigvalsh(loss)[0] > -1e-15
+
+
+@pytest.mark.parametrize("share", [1e-4, 0.3, 20.0])
+def test_a_steady_rate_is_exact_for_steps_of_any_length(share):
+    """z = ė τ (1 - exp(-t/τ)) in steps that are short and long compared with τ."""
+    tau = 1e-2
+    rate = 0.05
+    branch = lambda body: gx.loads.Viscoelasticity(body, ratios=(0.5,), times=(tau,))  # noqa: E731
+    run = stretched(LAW, lambda t: (rate * t, 0.0), branch, dt=share * tau)
+    run.run(until=4 * share * tau)
+    z = rate * tau * -math.expm1(-run.time / tau)
+    stored = 0.5 * LAW.E * LAW.thickness / (1 - LAW.nu**2) * z**2 / 2 * 0.02
+    assert run.totals.stored["viscoelasticity"] == pytest.approx(stored, rel=1e-8)
+    work = run.totals.stored["film"] + stored + run.totals.losses["viscoelasticity"]
+    assert run.totals.supplied == pytest.approx(work + run.totals.kinetic, rel=1e-8)
+
+
+def test_a_branch_that_relaxes_within_a_step_is_a_viscosity(comm):
+    """r τ in place of the damping time, also in motions that steps do not resolve."""
+    lost = []
+    for relaxes in (False, True):
+        body = film(comm)
+        damping = gx.Damping(body, stiffness_factor=1e-6)
+        if relaxes:
+            damping = gx.loads.Viscoelasticity(body, ratios=(1e3,), times=(1e-9,), name="damping")
+        run = gx.Simulation(gx.Scene(body, damping), gx.Midpoint(dt=2e-4, tolerances=TIGHT))
+        run.run(until=4e-3)
+        lost.append(run.totals.losses["damping"])
+    assert lost[1] == pytest.approx(lost[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("make", [wrinkling, tension_field, woven])
+def test_the_balance_closes_over_a_thousand_steps_of_a_film_that_flutters(comm, make):
+    body = make(comm)
+    damping = gx.loads.flat_damping(body, loss_factor=0.02, band=(1.0, 1e4))
+    run = gx.Simulation(gx.Scene(body, damping), gx.Midpoint(dt=2e-4, tolerances=TIGHT))
+    run.run(until=0.2)
+    assert run.step >= 1000
+    lost = run.totals.losses["damping"]
+    assert lost > 1e-3 * run.first.kinetic
+    assert abs(run.totals.energy + lost - run.first.energy) < 1e-9 * run.first.kinetic
+    scale = np.abs(run.first.angular_momentum).max()
+    before = run.first.angular_momentum
+    assert run.totals.angular_momentum == pytest.approx(before, abs=1e-9 * scale)
+
+
+def test_taut_film_relaxes_as_if_it_could_not_wrinkle():
+    energies = []
+    for law in (gx.Linear, gx.Miyazaki, gx.TensionField):
+        made = law(1e6, 0.3, density=1000.0, thickness=1e-3)
+        branches = {"ratios": (0.8, 0.3), "times": (2e-3, 2e-2)}
+        run = stretched(
+            made,
+            lambda t: (STRETCH + 1e-3 * math.sin(300 * t), STRETCH),
+            lambda body: gx.loads.Viscoelasticity(body, **branches),  # noqa: B023
+            dt=1e-4,
+        )
+        run.run(until=5e-3)
+        stress = gx.fields.field_values(run, run.system.bodies[0], field="stress1", at="end")[1]
+        totals = run.totals
+        energies.append(
+            [totals.losses["viscoelasticity"], totals.stored["viscoelasticity"], stress.max()]
+        )
+    assert energies[1] == pytest.approx(energies[0], rel=1e-9)
+    assert energies[2] == pytest.approx(energies[0], rel=1e-9)
+
+
+def test_slack_film_has_no_loss():
+    """Branches that also act in compression have one."""
+    law = gx.TensionField(1e6, 0.3, density=1000.0, thickness=1e-3)
+    lost = {}
+    for tension_only in (True, False):
+        run = stretched(
+            law,
+            lambda t: (-0.01 - 0.1 * t, -0.01),
+            lambda body: gx.loads.Viscoelasticity(
+                body,
+                ratios=(0.5,),
+                times=(1e-2,),
+                tension_only=tension_only,  # noqa: B023
+            ),
+            dt=1e-3,
+        )
+        run.run(until=0.1)
+        lost[tension_only] = run.totals.losses["viscoelasticity"]
+    # A steady strain rate, whose stress the branch has after its relaxation time.
+    viscous = 0.5 * law.E * law.thickness / (1 - law.nu**2) * 0.1**2 * 1e-2 * 0.085 * 0.02
+    assert lost[False] == pytest.approx(viscous, rel=0.02)
+    assert lost[True] == 0.0
+
+
+# Frequency over which a cycle has 400 steps, and what it is measured on.
+STATES = {
+    "taut": lambda law: (STRETCH, 0.0),
+    "wrinkled": lambda law: (STRETCH, -0.05),
+}
+
+
+@pytest.mark.parametrize("frequency", [2.0, 7.0, 100.0, 900.0])
+@pytest.mark.parametrize("state", STATES)
+def test_the_loss_factor_is_flat_over_its_band(state, frequency):
+    """Loss of a cycle over 2π times the amplitude of the strain energy, of taut film, and of film
+    with a line of wrinkles, whose stiffness is E t; by the closed form, and 0.02 to 5 %."""
+    law = gx.TensionField(1e6, 0.3, density=1000.0, thickness=1e-3)
+    amplitude = 2e-4
+    start = STATES[state](law)
+
+    def strains(t):
+        e11, e22 = start
+        return e11 + amplitude * math.sin(2 * math.pi * frequency * t), e22
+
+    band = (1.0, 1e3)
+    made = []
+
+    def damping(body):
+        made.append(gx.loads.flat_damping(body, loss_factor=0.02, band=band))
+        return made[0]
+
+    period = 1 / frequency
+    run = stretched(law, strains, damping, dt=period / 400)
+    # The first cycles are not steady.
+    run.run(until=4 * period)
+    ended = run.totals.losses["damping"]
+    run.run(until=run.time + period)
+    lost = run.totals.losses["damping"] - ended
+    stiffness = law.E * law.thickness
+    if state == "taut":
+        stiffness /= 1 - law.nu**2
+    ratios, times = made[0].ratios, made[0].times
+    x = 2 * math.pi * frequency * np.array(times)
+    loss_modulus = float(np.sum(np.array(ratios) * x / (1 + x**2)))
+    closed = loss_modulus * 2 * math.pi * stiffness * amplitude**2 / 2 * 0.02
+    assert lost == pytest.approx(closed, rel=2e-3)
+    assert loss_of(ratios, times, frequency) == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"loss_factor": 0.01, "band": (10.0, 1.0)}, "the lower one first"),
+        ({"loss_factor": 0.01, "band": (0.0, 1.0)}, "two positive frequencies"),
+        ({"loss_factor": 0.5, "band": (1.0, 10.0)}, "loss_factor"),
+    ],
+)
+def test_a_band_that_cannot_be_is_refused(given, words):
+    with pytest.raises(gx.InputError, match=words):
+        gx.loads.flat_damping(film(MPI.COMM_SELF), **given)
+
+
+def test_a_loss_factor_at_a_frequency_is_a_damping_time():
+    body = film(MPI.COMM_SELF)
+    damping = gx.Damping(body, loss_factor=0.02, frequency=50.0)
+    assert damping.damping_time == pytest.approx(0.02 / (2 * math.pi * 50.0))
+    assert gx.Damping(body, stiffness_factor=1e-4).damping_time == 1e-4
+    with pytest.raises(
+        gx.InputError, match=r"loss_factor is 0\.02 and frequency is None; give both"
+    ):
+        gx.Damping(body, loss_factor=0.02)
+    with pytest.raises(
+        gx.InputError, match=r"stiffness_factor is 0\.1 s, and loss_factor is given"
+    ):
+        gx.Damping(body, loss_factor=0.02, frequency=50.0, stiffness_factor=0.1)

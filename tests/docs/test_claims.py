@@ -55,7 +55,8 @@ def ratios(problem: str, peer: str, errors: tuple[float, ...]) -> str:
 
 def claims() -> dict[str, str]:
     """What the first page says, by what it is about."""
-    airbag = points("airbag", "gossamer")
+    airbag = points("airbag", "gossamer, P1")
+    curved = points("airbag", "gossamer, P2")
     kratos = points("airbag", "kratos")
     antenna = points("pendulum", "gossamer, P1")
     quadratic = points("pendulum", "gossamer, P2")
@@ -67,16 +68,18 @@ def claims() -> dict[str, str]:
 
     return {
         "airbag": (
-            f"{percent(airbag[1].numbers['error'])} in {seconds(airbag[1])} here, "
-            f"{percent(kratos[1].numbers['error'])} in {seconds(kratos[1])} by Kratos"
-        ),
-        "finest airbag": (
-            f"{percent(airbag[-1].numbers['error'])} in {seconds(airbag[-1])} here, "
+            f"{percent(curved[1].numbers['error'])} in {seconds(curved[1])} by order 2, "
+            f"{percent(airbag[2].numbers['error'])} in {seconds(airbag[2])} by order 1, "
             f"{percent(kratos[-1].numbers['error'])} in {seconds(kratos[-1])} by Kratos"
         ),
+        "finest airbag": (
+            f"order 2: {percent(curved[-1].numbers['error'])} in {seconds(curved[-1])}; "
+            f"order 1: {percent(airbag[-1].numbers['error'])} in {seconds(airbag[-1])}; "
+            f"Kratos: {percent(kratos[-1].numbers['error'])} in {seconds(kratos[-1])}"
+        ),
         "antenna": (
-            f"{heights(antenna)} here (P1, {antenna[0].numbers['cpu']:.3g} to "
-            f"{seconds(antenna[-1])}), {heights(quadratic[:1])[:-3]} and {heights(quadratic[1:])} "
+            f"{heights(antenna)} on 3, 6, 9 cells here (P1, {antenna[0].numbers['cpu']:.3g} to "
+            f"{seconds(antenna[-1])}), {heights(quadratic)} on 3, 6 cells "
             f"(P2, to {seconds(quadratic[-1])}), {heights(exudyn)} by Exudyn "
             f"({exudyn[0].numbers['cpu']:.3g} to {seconds(exudyn[-1])})"
         ),
@@ -90,12 +93,12 @@ def claims() -> dict[str, str]:
 CLAIMS = claims()
 
 
-@pytest.mark.parametrize("about", sorted(set(CLAIMS) - {"antenna"}))
+@pytest.mark.parametrize("about", ["finest airbag", "strip"])
 def test_the_first_page_says_what_the_result_files_say(about: str) -> None:
     assert CLAIMS[about] in words_of("README.md")
 
 
-@pytest.mark.parametrize("about", ["airbag", "finest airbag", "antenna", "strip"])
+@pytest.mark.parametrize("about", ["airbag", "antenna", "strip"])
 def test_the_page_of_benchmarks_says_the_same(about: str) -> None:
     assert CLAIMS[about] in words_of("docs/benchmark.md")
 

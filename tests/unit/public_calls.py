@@ -242,7 +242,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("contact.Cylinder", start=z, end=(1.0, 0.0, 0.0), radius=0.1)
     add("probes.FoldAngle", crease=gx.connectors.Crease(creased, "crease", stiffness=1e-3))
     add("connectors.Damper", a=P, b=Q, damping=1.0)
-    add("Damping", body=film, mass_factor=1.0, stiffness_factor=1.0, tension_only=True)
+    add("Damping", body=film, mass_factor=1.0, loss_factor=0.01, frequency=1e3, tension_only=True)
     add("probes.Displacement", port=P, axis="x")
     add(
         "orbit.Drag",
@@ -379,6 +379,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Tolerances")
     add("loads.Torque", frame=A, torque=z)
     add("loads.Viscoelasticity", body=beam, ratios=(0.5, 0.2), times=(1.0, 60.0))
+    add("loads.flat_damping", body=film, loss_factor=0.01, band=(1.0, 1e3), tension_only=True)
     add("connectors.TorsionDamper", **hinge, damping=1.0)
     add("connectors.TorsionSpring", **hinge, stiffness=1.0)
     add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
@@ -408,6 +409,18 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("fold.Miura", a=0.1, b=0.1, gamma=1.0, theta=0.5, opening=1e-4, lift=1e-5)
     add("fold.Roll", length=1.0, bends=99, radius=0.03, flat=0.1, width=0.1, opening=1e-4)
     add("fold.Star", n=8, side=0.04, columns=2, reach=20, gap=1e-4)
+    add(
+        "fold.TubeZigzag",
+        length=0.25,
+        diameter=0.03,
+        cells=4,
+        panels=2,
+        stub=0.045,
+        angle=1.4,
+        opening=1e-3,
+        lift=1e-4,
+        shortening=0.85,
+    )
     add(
         "fold.Zigzag",
         length=1.0,

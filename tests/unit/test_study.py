@@ -11,9 +11,9 @@ import pytest
 
 import demos.studies.__main__ as command
 from demos.studies.__main__ import NAMES, PAGE, study_of
-from demos.studies.engine.study import Measure, Study, no_order
+from demos.studies.engine.study import Claim, Measure, Study, no_order
 from gossamer_fx import InputError, NoEquilibrium
-from gossamer_fx.analysis.cases.case_set import run_cases, verdict
+from gossamer_fx.analysis.cases.case_set import Judgement, changes, run_cases, verdict
 from gossamer_fx.analysis.cases.results import Result
 from tests.survival.on_ranks import complete
 
@@ -216,3 +216,62 @@ def test_the_page_changes_with_results_only(tmp_path, monkeypatch):
     after = page.read_text(encoding="utf-8")
     assert "| 99 |" in after
     assert len(after.splitlines()) == len(before.splitlines()) - 1
+
+
+# ---- stored results ------------------------------------------------------------------------------
+
+
+def compared(study, results, stored):
+    """What differs from stored results."""
+    found = changes(
+        study.to_be_stored(results), stored, study.repeatability, study.compared_numbers
+    )
+    return [one.words for one in found if not one.holds]
+
+
+def test_a_result_or_a_reference_that_changes_in_either_direction_is_noticed(comm, folder):
+    results = run(STUDY, folder, comm)
+    stored = STUDY.to_be_stored(results)
+    assert compared(STUDY, results, stored) == []
+    for factor in (0.8, 1.2):
+        first = dataclasses.replace(results[0], numbers=results[0].numbers | {"y": factor * 2.5})
+        [words] = compared(STUDY, [first, *results[1:]], stored)
+        assert words.startswith("order 1, cells 2, ranks 1: y was 2.5 and is")
+        measure = dataclasses.replace(STUDY.measures[0], reference=factor * 2.0)
+        other = dataclasses.replace(STUDY, measures=(measure,))
+        assert len(compared(other, results, stored)) == len(results)
+    # Times are not results, and what vanishes but for round-off has not changed.
+    other = [
+        dataclasses.replace(one, numbers=one.numbers | {"seconds": 9.0, "nothing": 0.0})
+        for one in results
+    ]
+    assert compared(STUDY, other, stored) == []
+
+
+def test_a_case_that_fails_or_lacks_a_number_has_changed(comm, folder):
+    results = run(STUDY, folder, comm)
+    stored = STUDY.to_be_stored(results)
+    failed = dataclasses.replace(results[0], numbers={}, failed="unlucky")
+    assert "changed: unlucky" in compared(STUDY, [failed, *results[1:]], stored)[0]
+    lacking = dataclasses.replace(results[0], numbers={"seconds": 1.0})
+    assert len(compared(STUDY, [lacking], stored)) == 2
+
+
+def test_known_misses_do_not_hide_new_ones():
+    known = [Judgement("y, cells 8: error 0.2 > 0.1", False), Judgement("z: 3 > 2", True)]
+    text, is_well = verdict(
+        {"toy": [Judgement("y, cells 8: error 0.21 > 0.1", False)]}, {"toy": known}
+    )
+    assert is_well and "(known)" in text and "no new miss" in text
+    text, is_well = verdict({"toy": [Judgement("z: 4 > 2", False), known[0]]}, {"toy": known})
+    assert not is_well and text.endswith("toy: z: 4 > 2")
+
+
+def test_claims_of_pages_are_judged(comm, folder):
+    claims = (
+        Claim("y", 2.4, 2.6, {"order": 1, "cells": 2}),
+        Claim("y", 2.0, 2.1, {"cells": 4}),
+    )
+    claiming = dataclasses.replace(STUDY, claims=claims)
+    short = shortfalls(claiming, comm, run(claiming, folder, comm))
+    assert short == ["y, order 1, cells 4, ranks 1: 2.25, claimed 2 to 2.1"]

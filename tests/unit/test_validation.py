@@ -7,6 +7,7 @@ import logging
 import math
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,13 @@ from demos.validation.__main__ import (
 )
 from demos.validation.engine.case import read_case
 from demos.validation.engine.comparison import Predicted, compare, comparisons
-from demos.validation.engine.overview import marks_by_family, overview
+from demos.validation.engine.overview import (
+    count_rows,
+    counted,
+    is_right,
+    marks_by_family,
+    overview,
+)
 from demos.validation.engine.report import is_asked, percent, rows
 from demos.validation.engine.results import case_set
 from demos.validation.models import hanging_kite
@@ -224,7 +231,7 @@ def test_results_of_something_else_are_not_used(folder):
 
 def test_the_command_writes_table_results_and_picture(folder, capsys):
     assert main(["hiad_plateau", "--out", str(folder)]) == 0
-    assert "All 6 comparisons are as declared." in capsys.readouterr().out
+    assert "All 12 comparisons are as declared." in capsys.readouterr().out
     found = [json.loads(path.read_text()) for path in folder.glob("hiad_plateau/runs/*.json")]
     by_test = {result["values"]["test"]: result["numbers"] for result in found}
     loads = by_test["2 up, 138 kPa"]["y of plateau load"]
@@ -297,6 +304,34 @@ def test_the_picture_shows_every_test_and_a_miss_at_its_error(folder):
     assert (folder / "overview.png").read_bytes()[1:4] == b"PNG"
 
 
+def test_what_is_no_prediction_is_not_counted():
+    """Calibrated rows, closed forms and tests of other programs raise the count of experiments."""
+    experiments = counted(stored(), "experiment")
+    asked = [
+        mark
+        for family in marks_by_family(stored()).values()
+        for mark in family
+        if is_asked(mark.comparison.measured)
+    ]
+    left_out = [mark for mark in asked if mark.comparison.measured.not_counted]
+    others = [mark for mark in asked if mark.comparison.measured.evidence != "experiment"]
+    assert len(experiments) + len(left_out) + len(others) == len(asked)
+    [*rows] = count_rows(stored())
+    right = sum(mark.comparison.is_accepted() for mark in experiments)
+    assert rows[-1][1] == str(len(experiments)) and int(rows[-1][2]) <= right
+
+
+def test_a_quantity_on_a_coarse_mesh_is_a_miss(folder):
+    found = case_of(folder, GOOD)
+    [comparison, *_] = comparisons(
+        found.tests[0], Result({"test": "one"}, {"y of plateau load": [1.0]}, 0.0)
+    )
+    exact = replace(comparison, y_predicted=comparison.y_measured)
+    assert is_right(exact)
+    coarse = replace(exact.measured, not_converged="twice the cells double the error")
+    assert not is_right(replace(exact, measured=coarse))
+
+
 def test_the_first_page_shows_the_worst_miss():
     errors = [
         abs(mark.comparison.error)
@@ -308,7 +343,11 @@ def test_the_first_page_shows_the_worst_miss():
 
 
 def test_the_rows_of_the_page_count_every_test():
-    counted = re.findall(r"^\| [^|]+ \| \w+ \| [^|]+ \| (\d+) \|", page_table(), re.MULTILINE)
+    counted = re.findall(
+        r"^\| [^|]+ \| [^|]+ \| \w+ \| [^|]+ \| (\d+) \| [^|]*%? \|[^|]*(?:%|failed) \|",
+        page_table(),
+        re.MULTILINE,
+    )
     # The table of all tests has two further lines: its head, and the rule below it.
     assert sum(map(int, counted)) == len(table_of_tests().splitlines()) - 2
     assert "| hiad_71 | load | 8 | 1.2 % | 4.1 % |" in page_table()

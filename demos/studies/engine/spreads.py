@@ -8,7 +8,7 @@ quantity that turns out to be better or worse than that falls short.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ class SpreadStudy:
         quick: the factors of quick runs, whose verdicts are not judged.
         quick_options: further arguments of the problem in quick runs, such as an earlier end.
         limits: largest sizes of results in all cases that have them, such as errors of balances.
+        repeatability: largest relative change of a determined quantity from the stored one.
         expected_warnings: reasons by a part of the text of a warning.
         expected_failures: whether a case that fails by name is a result, too.
     """
@@ -62,6 +63,7 @@ class SpreadStudy:
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     quick_options: Mapping[str, Any] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
+    repeatability: float = LIMIT
     expected_warnings: Mapping[str, str] = field(default_factory=dict)
     expected_failures: bool = False
 
@@ -104,6 +106,17 @@ class SpreadStudy:
     ) -> Mapping[str, float]:
         """What the problem returns of a case."""
         return self.problem(comm, **case)
+
+    def compared_numbers(self, result: Result) -> list[str]:
+        """Names of the numbers that are determined, which are compared with stored ones."""
+        is_determined = (
+            name for name, expected in self.expected.items() if expected.kind == "determined"
+        )
+        return [name for name in is_determined if name in result.numbers]
+
+    def to_be_stored(self, results: list[Result]) -> list[Result]:
+        """Results as they are stored."""
+        return [replace(result, seconds=round(result.seconds, 1)) for result in results]
 
     def judge(self, results: Sequence[Result], quick: bool) -> Iterator[Judgement]:
         """Verdicts and ranges with the declared ones; in the quick form that there are numbers."""

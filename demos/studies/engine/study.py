@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,9 @@ NOT_STABLE = {
     "bears compression could form more of them"
 }
 WITHOUT_UNITS = {"numbers are in SI units": "the reference is without units, or a round number"}
+
+# Largest relative change of a result from the stored one: what is printed has fewer digits.
+REPEATABILITY = 1e-3
 
 # By so much an observed order may be below the expected one: coarse cases are not yet in the
 # asymptotic range.
@@ -98,6 +101,52 @@ class Measure:
 
 
 @dataclass(frozen=True)
+class Claim:
+    """What a page says of results.
+
+    Args:
+        number: its key in what the problem returns.
+        low, high: between which it is in all cases that are meant.
+        where: values of these cases; default: all cases.
+    """
+
+    number: str
+    low: float
+    high: float
+    where: Mapping[str, Any] = field(default_factory=dict)
+
+    def judgements(self, results: Sequence[Result]) -> Iterator[Judgement]:
+        """Of the results that are meant and did not fail."""
+        for result in results:
+            is_meant = all(result.values.get(name) == v for name, v in self.where.items())
+            if is_meant and not result.failed:
+                value = result.numbers.get(self.number, math.nan)
+                words = (
+                    f"{self.number}, {values_text(result.values)}: {value:.5g}, claimed "
+                    f"{self.low:.5g} to {self.high:.5g}"
+                )
+                yield Judgement(words, self.low <= value <= self.high)
+
+
+# Beginnings of what `Study.to_be_stored` adds to the numbers of a result.
+ADDED = ("reference of ", "tolerance of ", "limit of ")
+
+# Numbers that differ from run to run, or with the last digit of a residual.
+NOT_COMPARED = {
+    "seconds",
+    "compile_seconds",
+    "iterations",
+    "plane iterations",
+    "residual",
+    "newton_per_step",
+    "Newton/step",
+    "rejected",
+    "substeps",
+    "steps",
+}
+
+
+@dataclass(frozen=True)
 class Study:
     """A problem and its axes.
 
@@ -117,6 +166,11 @@ class Study:
         shows: results of which at least one case must have a finite value other than zero.
         quick_shows: the same in quick runs; default: `shows`.
         limits: largest sizes of results in all cases that have them, such as errors of balances.
+        claims: what pages say of the results, without `quick_options`.
+        repeatability: largest relative change of a result from the stored one that another
+            processor or library may cause.
+        not_repeatable: results that are not compared with stored ones, with the reason; "all" for
+            all of them.
         may_fail: whether a case that fails by name is a result, too.
         expected_warnings: reasons by a part of the text of a warning.
         draw: draws all results, draw(results, path), instead of errors against run time and h.
@@ -135,6 +189,9 @@ class Study:
     shows: tuple[str, ...] = ()
     quick_shows: tuple[str, ...] | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
+    claims: Sequence[Claim] = ()
+    repeatability: float = REPEATABILITY
+    not_repeatable: Mapping[str, str] = field(default_factory=dict)
     may_fail: bool = False
     expected_warnings: Mapping[str, str] = field(default_factory=dict)
     draw: Callable[[list[Result], Path], None] | None = None
@@ -233,8 +290,40 @@ class Study:
                     cells[-1] += " (failed)"
                 yield cells
 
+    def compared_numbers(self, result: Result) -> list[str]:
+        """Names of the numbers of a result that are compared with stored ones.
+
+        Balances are at round-off; their limits judge them.
+        """
+        skipped = NOT_COMPARED | {*self.limits} | {*self.not_repeatable}
+        if "all" in self.not_repeatable:
+            return [name for name in result.numbers if name.startswith(ADDED)]
+        return [name for name in result.numbers if name not in skipped]
+
+    def to_be_stored(self, results: list[Result]) -> list[Result]:
+        """Results with the references and aims of the study, so that another one is noticed."""
+        aims = {f"limit of {name}": largest for name, largest in self.limits.items()}
+        for measure in self.measures:
+            if math.isfinite(measure.tolerance):
+                aims[f"tolerance of {measure.name}"] = measure.tolerance
+        stored = []
+        for result in results:
+            references = dict(aims)
+            for measure in self.measures:
+                value = measure.reference
+                references[f"reference of {measure.name}"] = (
+                    value(result.values) if callable(value) else value
+                )
+            numbers = result.numbers if result.failed else {**result.numbers, **references}
+            stored.append(replace(result, numbers=numbers, seconds=round(result.seconds, 1)))
+        return stored
+
     def judge(self, results: list[Result], quick: bool) -> Iterator[Judgement]:
         """Errors of the finest cases with their tolerances, and orders with the expected ones."""
+        # With other options the problem of a quick run is another one.
+        if not (quick and self.quick_options):
+            for claim in self.claims:
+                yield from claim.judgements(results)
         for curve in self.curves(results).values():
             done = [result for result in curve if not result.failed]
             for measure in self.measures if done else ():
@@ -252,7 +341,8 @@ class Study:
                 if math.isfinite(rate) and is_asymptotic and len(done) > 1:
                     overall = self.order(measure, done[0], done[-1])
                     holds = overall >= rate - ORDER_MARGIN
-                    yield Judgement(f"{words}: order {overall:.2f}, expected {rate:.2g}", holds)
+                    subject = f"{words}: order"
+                    yield Judgement(f"{subject} {overall:.2f}, expected {rate:.2g}", holds, subject)
 
     def summary(self, results: list[Result]) -> Iterator[list[str]]:
         """For every measure what the finest cases of each element leave, and the orders."""

@@ -10,6 +10,7 @@ read it.
     title, source, licence            one line each
     peer                              what the errors `peer_error` belong to (optional)
     model = "braided_tube"
+    evidence = "experiment"           or "theory", or "program" for another program (optional)
     family = "beams"                  cases that tables and the picture show together (optional)
     quick_tests = ["1 up, 69 kPa"]    those of the quick form
     [expected_warnings]               of the program: a reason by a part of the text (optional)
@@ -22,6 +23,10 @@ read it.
     pressure = {value = 68.9, unit = "kPa"}
     [[tests.measured]]
     quantity = "load"                 what the model predicts under this name
+    kind = "load"                     of quantities that are counted together (optional)
+    evidence = "theory"               if it is another than that of the case (optional)
+    not_counted = "..."               why it does not count: it was calibrated, say (optional)
+    not_converged = "..."             what a finer mesh does; such a quantity is a miss (optional)
     y = {value = [...], unit = "N"}   measured values, or one number
     x = {value = [...], unit = "mm"}  of a curve
     range = [25, 125]                 of x, in its unit, in which a curve is compared
@@ -57,6 +62,9 @@ FORMAT = 1
 # Largest case file [bytes].  The parser is slow, so that a file of any size would stop the program.
 MAX_FILE_SIZE = 4_000_000
 
+# What a prediction is compared with.
+EVIDENCE = ("experiment", "theory", "program")
+
 # Words of a file that are printed, drawn or part of a file name.
 NAME = re.compile(r"[a-z0-9_]{1,60}")
 TEST_NAME = re.compile(r"[A-Za-z0-9_°.,+/ -]{1,80}")
@@ -83,6 +91,11 @@ class Measured:
         is_mean_of_sizes: whether `accepted` is of the mean size of the errors, or else of their
             mean.
         peer_error: mean size of the relative errors of the peer; not a number if it is not known.
+        kind: of quantities that are counted together, e.g. "load"; may be empty.
+        evidence: one of `EVIDENCE`.
+        not_counted: why it is not a prediction; empty if it is one.
+        not_converged: what a finer mesh does to the error; empty if it changes it by less than a
+            third.
     """
 
     quantity: str
@@ -97,6 +110,10 @@ class Measured:
     quick_accepted: tuple[float, float]
     is_mean_of_sizes: bool
     peer_error: float
+    kind: str = ""
+    evidence: str = EVIDENCE[0]
+    not_counted: str = ""
+    not_converged: str = ""
 
 
 @dataclass(frozen=True)
@@ -253,7 +270,7 @@ def read_case(path: Path, models: list[str]) -> Case:
     where = f"'{path}'"
     data = _parsed(path, where)
     known = {"format", "name", "title", "source", "licence", "model", "peer", "quick_tests"}
-    known |= {"family", "inputs", "tests", "expected_warnings"}
+    known |= {"family", "evidence", "inputs", "tests", "expected_warnings"}
     _check_keys(where, data, known)
     version = data.get("format")
     check(version == FORMAT, f"{where}: format is {_short(version)}; this program reads {FORMAT}.")
@@ -271,7 +288,8 @@ def read_case(path: Path, models: list[str]) -> Case:
         isinstance(tests, list) and len(tests) > 0,
         f"{where}: there are no tests; add one as [[tests]].",
     )
-    found = tuple(_test(where, model, shared, test) for test in tests)
+    evidence = _evidence(where, data, EVIDENCE[0])
+    found = tuple(_test(where, model, evidence, shared, test) for test in tests)
     # Stored results belong to tests by their names.
     names = [test.name for test in found]
     repeated = {one for one in names if names.count(one) > 1}
@@ -367,8 +385,18 @@ def _parsed(path: Path, where: str) -> dict[str, Any]:
         raise InputError(f"{where} is nested too deeply; a case file has three levels.") from error
 
 
-def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
-    """One entry of `tests`."""
+def _evidence(where: str, data: Mapping[str, Any], default: str) -> str:
+    """What a prediction is compared with."""
+    found = data.get("evidence", default)
+    check(
+        found in EVIDENCE,
+        f"{where}: evidence is {_short(found)}; give one of {', '.join(EVIDENCE)}.",
+    )
+    return str(found)
+
+
+def _test(where: str, model: str, evidence: str, shared: Mapping[str, Any], data: Any) -> Test:
+    """One entry of `tests`, whose measured values are evidence of some kind."""
     entry = _mapping(where, data, "each of tests")
     _check_keys(
         f"{where}, tests",
@@ -389,7 +417,7 @@ def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
         isinstance(measured, list) and len(measured) > 0,
         f"{here}: nothing is measured; add [[tests.measured]].",
     )
-    found = tuple(_measured(here, item) for item in measured)
+    found = tuple(_measured(here, evidence, item) for item in measured)
     # A prediction has one value or curve under each name.
     quantities = [item.quantity for item in found]
     check(
@@ -399,11 +427,13 @@ def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
     return Test(name, Inputs(here, values), found, digest)
 
 
-def _measured(where: str, data: Any) -> Measured:
-    """One entry of `tests.measured`."""
+def _measured(where: str, evidence: str, data: Any) -> Measured:
+    """One entry of `tests.measured`, which is evidence of the kind of the case unless it says
+    otherwise."""
     entry = _mapping(where, data, "each of measured")
     known = {"quantity", "y", "x", "range", "labels", "tolerance", "accepted"}
     known |= {"reference", "quick_accepted", "peer_error"}
+    known |= {"kind", "evidence", "not_counted", "not_converged"}
     _check_keys(where, entry, known)
     quantity = _line(where, entry, "quantity")
     here = f"{where}, measured '{quantity}'"
@@ -489,6 +519,10 @@ def _measured(where: str, data: Any) -> Measured:
             entry.get("peer_error", math.nan),
             finite=False,
         ),
+        kind=_line(here, entry, "kind", default=""),
+        evidence=_evidence(here, entry, evidence),
+        not_counted=_line(here, entry, "not_counted", default=""),
+        not_converged=_line(here, entry, "not_converged", default=""),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -147,6 +147,30 @@ def predicted_in(result: Result, quantity: str) -> Predicted | None:
 def comparisons(test: Test, result: Result) -> list[Comparison]:
     """Comparisons of the measured quantities of a test with the prediction of a result."""
     return [compare(item, predicted_in(result, item.quantity)) for item in test.measured]
+
+
+def with_measured(case: Case, results: Sequence[Result]) -> list[Result]:
+    """Results with the measured values that they are compared with, as they are stored: so that a
+    changed measured value is noticed."""
+    tests = {test.name: test for test in case.tests}
+    return [
+        replace(
+            result,
+            numbers={
+                **result.numbers,
+                **{
+                    f"measured {one.quantity}": [_rounded(value) for value in one.y]
+                    for one in tests[result.values["test"]].measured
+                },
+            },
+        )
+        for result in results
+    ]
+
+
+def compared_numbers(result: Result) -> list[str]:
+    """Names of the numbers of a stored result that are compared with those of a later one."""
+    return [name for name in result.numbers if name.startswith(("y of ", "measured "))]
 
 
 def results_by_test(case: Case, results: Sequence[Result]) -> Iterator[tuple[Test, Result]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from demos.validation.engine.case import Case
 from demos.validation.engine.comparison import Comparison, comparisons, results_by_test
 from demos.validation.engine.report import is_asked, percent
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.analysis.cases.results import Result, markdown_table
 
 HEAD = [
     "family",
@@ -91,18 +91,72 @@ def marks_by_family(cases: Iterable[tuple[Case, list[Result]]]) -> dict[str, lis
     return found
 
 
-def accuracy_words(cases: Iterable[tuple[Case, list[Result]]]) -> str:
-    """Sentences about the quantities of which something is asked: how many are within it, and the
-    worst miss."""
-    found = marks_by_family(cases).values()
-    asked = [mark for marks in found for mark in marks if is_asked(mark.comparison.measured)]
-    accepted = sum(mark.comparison.is_accepted() for mark in asked)
-    worst = max(asked, key=lambda mark: abs(mark.comparison.error))
+COUNT_HEAD = [
+    "experiments, by quantity",
+    "compared",
+    "as near as asked",
+    "median error [%]",
+    "90th percentile [%]",
+]
+
+
+def is_right(comparison: Comparison) -> bool:
+    """Whether a prediction is as near as was asked, on a mesh that is fine enough to say so."""
+    return comparison.is_accepted() and not comparison.measured.not_converged
+
+
+def counted(cases: Iterable[tuple[Case, list[Result]]], evidence: str) -> list[Mark]:
+    """The quantities of which something was asked, compared with one kind of evidence, without
+    those that are not predictions."""
+    return [
+        mark
+        for marks in marks_by_family(cases).values()
+        for mark in marks
+        if is_asked(mark.comparison.measured)
+        and mark.comparison.measured.evidence == evidence
+        and not mark.comparison.measured.not_counted
+    ]
+
+
+def count_rows(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
+    """Cells of the table that counts experiments by the kind of quantity; first the headings."""
+    yield COUNT_HEAD
+    marks = counted(cases, "experiment")
+    kinds = sorted({mark.comparison.measured.kind for mark in marks})
+    groups = {kind: [m for m in marks if m.comparison.measured.kind == kind] for kind in kinds}
+    for kind, group in {**groups, "all": marks}.items():
+        errors = [abs(mark.comparison.error) for mark in group]
+        yield [
+            kind,
+            str(len(group)),
+            str(sum(is_right(mark.comparison) for mark in group)),
+            f"{100 * np.median(errors):.1f}",
+            f"{100 * np.percentile(errors, 90):.0f}",
+        ]
+
+
+def accuracy_words(cases: Sequence[tuple[Case, list[Result]]]) -> str:
+    """The count of experiments as a table, and sentences about the worst miss, the other evidence
+    and what is not counted."""
+    experiments = counted(cases, "experiment")
+    worst = max(experiments, key=lambda mark: abs(mark.comparison.error))
     error = percent(abs(worst.comparison.error)) or "failed"
+    others = []
+    for evidence, words in (("theory", "theory"), ("program", "tests of other programs")):
+        found = counted(cases, evidence)
+        right = sum(is_right(mark.comparison) for mark in found)
+        others.append(f"{right} of {len(found)} with {words}")
+    left_out = sum(
+        is_asked(mark.comparison.measured) and bool(mark.comparison.measured.not_counted)
+        for marks in marks_by_family(cases).values()
+        for mark in marks
+    )
     return (
-        f"{len({mark.case for mark in asked})} cases: {accepted} of {len(asked)} quantities are as "
-        f"near as was asked before the first run.\nThe worst miss is {error}, "
-        f"{worst.case}: {worst.comparison.measured.quantity}."
+        f"{markdown_table(count_rows(cases))}\n"
+        f"The worst miss is {error}, {worst.case}: {worst.comparison.measured.quantity}.\n"
+        f"Not experiments, and counted apart: {' and '.join(others)} are as near as asked.\n"
+        f"Not counted: {left_out} quantities that were calibrated on what they are compared with, "
+        "or need no solver."
     )
 
 
@@ -171,7 +225,7 @@ def _draw_family(axis, column: int, marks: Sequence[Mark], largest: float) -> No
     for x, mark in zip(places, marks, strict=True):
         colour = NOT_ASKED
         if is_asked(mark.comparison.measured):
-            colour = AS_ASKED if mark.comparison.is_accepted() else MISSED
+            colour = AS_ASKED if is_right(mark.comparison) else MISSED
         # The values of a curve through zero have no meaningful ratios.
         if not math.isfinite(mark.comparison.measured.reference):
             limits = np.clip([mark.ratios.min(), mark.ratios.max()], 1 / largest, largest)

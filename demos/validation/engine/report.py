@@ -35,6 +35,7 @@ HEAD = [
     "time [s]",
 ]
 SUMMARY_HEAD = [
+    "compared with",
     "family",
     "case",
     "quantity",
@@ -45,6 +46,9 @@ SUMMARY_HEAD = [
     "within",
     "peer's error",
 ]
+# Words of tables for the kinds of evidence, in their order.
+COMPARED_WITH = {"experiment": "experiment", "theory": "theory", "program": "other program"}
+ORDER = [*COMPARED_WITH.values()]
 # Least width of a panel, and width of the label of a value [in].
 PANEL_WIDTH = 3.2
 LABEL_WIDTH = 0.17
@@ -76,22 +80,29 @@ def rows(cases: Iterable[tuple[Case, list[Result]]], quick: bool = False) -> Ite
 def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
     """Cells of a table with one row for each quantity of a case, with its best and worst test."""
     yield SUMMARY_HEAD
-    groups: dict[tuple[str, str, str, bool], list[Comparison]] = {}
+    groups: dict[tuple[str, str, str, str, bool], list[Comparison]] = {}
     # Sorted by family; cases and quantities in the order of their files.
     for case, results in sorted(cases, key=lambda entry: entry[0].family):
         for test, result in results_by_test(case, results):
             for comparison in comparisons(test, result):
                 measured = comparison.measured
                 # What is shown for information has a separate row.
-                key = (case.family, case.name, measured.quantity, is_asked(measured))
+                words = COMPARED_WITH[measured.evidence]
+                if measured.not_counted:
+                    words += ", not counted"
+                key = (words, case.family, case.name, measured.quantity, is_asked(measured))
                 groups.setdefault(key, []).append(comparison)
-    for (family, case_name, quantity, _), group in groups.items():
+    # Experiments first.
+    for (words, family, case_name, quantity, _), group in sorted(
+        groups.items(), key=lambda entry: ORDER.index(entry[0][0].split(",")[0])
+    ):
         by_limit = sorted(group, key=lambda one: one.measured.accepted[1])
         limit = between([asked(one.measured, quick=False) for one in by_limit])
         ordered = sorted(group, key=lambda one: abs(one.error))
         worst = _cells(ordered[-1], quick=False)[3]
-        within = sum(one.is_accepted() for one in group)
+        within = sum(one.is_accepted() and not one.measured.not_converged for one in group)
         yield [
+            words,
             family,
             case_name,
             quantity,

@@ -24,13 +24,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import pickle
 import shutil
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -175,10 +177,18 @@ class Judgement:
     Attributes:
         words: what was compared, with both values, e.g. "tip, cells 8: error 0.06, allowed 0.05".
         holds: whether it is as it should be.
+        subject: what was compared, without the values; default: the words up to the first colon.
+            By it a miss that stored results have, too, is found again.
     """
 
     words: str
     holds: bool
+    subject: str = ""
+
+    @property
+    def known_as(self) -> str:
+        """The subject of the judgement."""
+        return self.subject or self.words.split(":")[0]
 
 
 def plain_rows(results: Results) -> list[list[str]]:
@@ -239,17 +249,19 @@ class CaseSet:
             for result in results:
                 if name in result.numbers:
                     value = result.numbers[name]
-                    words = f"{values_text(result.values)}: {name} {value:.2g} > {largest:.2g}"
-                    found.append(Judgement(words, abs(value) <= largest))
+                    subject = f"{values_text(result.values)}: {name}"
+                    words = f"{subject} {value:.2g} > {largest:.2g}"
+                    found.append(Judgement(words, abs(value) <= largest, subject))
         if not found:
             found.append(Judgement("nothing is compared with a declared value", False))
         for result in results:
             where = values_text(result.values)
             if result.failed and not self.may_fail:
-                found.append(Judgement(f"{where}: {result.failed}", False))
+                found.append(Judgement(f"{where}: {result.failed}", False, f"{where}: failed"))
             for text in result.warnings:
                 if not any(part in text for part in self.expected_warnings):
-                    found.append(Judgement(f"{where}: undeclared warning: {text}", False))
+                    words = f"{where}: undeclared warning: {text}"
+                    found.append(Judgement(words, False, words))
         return found
 
     def table(self, results: Results) -> str:
@@ -372,14 +384,85 @@ def run_cases(
     return results
 
 
-def verdict(judgements: Mapping[str, Sequence[Judgement]]) -> tuple[str, bool]:
-    """What to print of the judgements of several sets, by name, and whether all of them hold; False
-    if there are none."""
+# Of the largest value of a column: smaller numbers are round-off in it.
+VANISHING = 1e-6
+
+
+def changes(
+    results: Sequence[Result],
+    stored: Sequence[Result],
+    repeatability: float,
+    names: Callable[[Result], Iterable[str]],
+) -> Iterator[Judgement]:
+    """Results compared with the stored ones of the same values, in either direction.
+
+    Args:
+        results: of all cases.
+        stored: of earlier ones; those without a counterpart are left out.
+        repeatability: largest relative change of a number that round-off, another processor or
+            another library may cause.
+        names: names of the numbers of a result that are compared.
+    """
+    known = {key_of(result.values): result for result in stored}
+    # What vanishes but for round-off is compared with the largest value of its column.
+    columns: dict[str, float] = {}
+    for result in stored:
+        for name in names(result):
+            size = max((abs(old) for old, _ in _pairs(result.numbers[name], None)), default=0.0)
+            columns[name] = max(size, columns.get(name, 0.0))
+    for result in results:
+        before = known.get(key_of(result.values))
+        if before is None:
+            continue
+        where = values_text(result.values)
+        if bool(result.failed) != bool(before.failed):
+            words = result.failed or "it succeeded, and failed before"
+            yield Judgement(f"{where}: changed: {words}", False)
+            continue
+        for name in names(before):
+            for old, new in _pairs(before.numbers[name], result.numbers.get(name)):
+                # Written so that a number that is missing, or not a number, has changed.
+                scale = max(abs(old), VANISHING * columns[name])
+                holds = old == new or abs(new - old) <= repeatability * scale
+                words = f"{where}: {name} was {old:.6g} and is {new:.6g}"
+                yield Judgement(words, holds, f"{where}: {name} changed")
+
+
+def _pairs(old: Any, new: Any) -> Iterator[tuple[float, float]]:
+    """Old and new numbers of two numbers, or of two lists of them."""
+    before = old if isinstance(old, list) else [old]
+    after = new if isinstance(new, list) else [new]
+    if len(after) != len(before) or None in after:
+        after = [math.nan] * len(before)
+    yield from zip(map(float, before), map(float, after), strict=True)
+
+
+def verdict(
+    judgements: Mapping[str, Sequence[Judgement]],
+    known: Mapping[str, Sequence[Judgement]] | None = None,
+) -> tuple[str, bool]:
+    """What to print of the judgements of several sets, by name, and whether all of them hold.
+
+    Args:
+        judgements: of each set, by its name; without any, nothing holds.
+        known: judgements of its stored results; what they miss, too, is said, and is not new.
+    """
     missed = []
+    known_misses = []
     count = 0
     for name, found in judgements.items():
+        before = {one.known_as for one in (known or {}).get(name, ()) if not one.holds}
         count += len(found)
-        missed += [f"{name}: {one.words}" for one in found if not one.holds]
+        for one in found:
+            if one.holds:
+                continue
+            if one.known_as in before:
+                known_misses.append(f"{name}: {one.words} (known)")
+            else:
+                missed.append(f"{name}: {one.words}")
     if missed:
-        return "\n".join(missed), False
-    return f"All {count} comparisons are as declared.", count > 0
+        return "\n".join([*known_misses, *missed]), False
+    words = f"All {count} comparisons are as declared."
+    if known_misses:
+        words = f"{count - len(known_misses)} of {count} comparisons are as declared; no new miss."
+    return "\n".join([*known_misses, words]), count > 0

@@ -105,7 +105,8 @@ class Snapshots:
         self.positions.clear()
 
     def record(self, run: StateView, last: bool) -> None:
-        if self.schedule.due(run.step, run.time, last):
+        # Shapes follow steps or given times, and no interval.
+        if self.schedule.due(run.step, run.time, last, since=None):
             # a copy: the state changes in place
             self.positions.append(run.system.state[self.body].positions().copy())
 

@@ -3,3 +3,4 @@ from .parallelograms import Miura as Miura
 from .parallelograms import Star as Star
 from .polyline import Roll as Roll
 from .polyline import Zigzag as Zigzag
+from .tube_zigzag import TubeZigzag as TubeZigzag

@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.build.fold.fold_map import FoldMap
+from gossamer_fx.build.fold.folding import Gap, Length
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array, Indices
 

@@ -92,7 +92,7 @@ class SolvedGas(Protocol):
 
 
 @dataclass
-class _Boundary:
+class _Boundary(Holder):
     """A boundary of constant state, with dual numbers for its state."""
 
     name: str

@@ -8,3 +8,4 @@ from .pressure import FluidPressure as FluidPressure
 from .pressure import StandardAtmosphere as StandardAtmosphere
 from .pressure import UniformFluid as UniformFluid
 from .viscoelasticity import Viscoelasticity as Viscoelasticity
+from .viscoelasticity import flat_damping as flat_damping

@@ -7,6 +7,7 @@ start of each step, see `PresentStiffness`; ψ is the energy density of the stra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, ClassVar, cast
@@ -15,7 +16,7 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
@@ -49,7 +50,9 @@ class Damping(OnBody):
     """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as
     dissipated.
 
-    A mode of angular frequency ω loses the fraction ζ = α/(2ω) + β ω/2 of critical damping.
+    A mode of angular frequency ω loses the fraction ζ = α/(2ω) + β ω/2 of critical damping; its
+    loss factor is η = 2 ζ.  A loss factor that does not depend on the frequency is
+    `gx.loads.flat_damping`.
 
     Args:
         body: a film, plate, cable or beam.
@@ -57,44 +60,70 @@ class Damping(OnBody):
             rigid ones, too.
         stiffness_factor: β [s]; stress β C Ė with the elastic matrix C of the taut film, cable or
             beam (Kelvin-Voigt).  Rigid motions are free.  The bending of a plate is not damped.
+        loss_factor: η in place of β, at the `frequency`: β = η/(2π f).  Of films see
+            `gossamer_fx.presets.films`.
+        frequency: f [Hz], of the motion that is to be damped as measured; slower ones lose less,
+            faster ones more.
         tension_only: whether C is the stiffness ψ''(e) that a film has at the start of each step:
             in full where it is taut, along the folds where it is wrinkled, nearly zero where it is
             slack.
         name: name in messages and output.
 
     Raises:
-        InputError: factors that are negative or both zero, `tension_only` of another body than a
-            film or without a stiffness factor.
+        InputError: factors that are negative or both zero, a loss factor without a frequency or
+            with a stiffness factor, `tension_only` of another body than a film or without a
+            stiffness factor.
 
     Example:
         >>> gx.Damping(film, stiffness_factor=1e-4, tension_only=True).name
         'damping'
+        >>> f"{gx.Damping(film, loss_factor=0.01, frequency=1e3).damping_time:.2g} s"
+        '1.6e-06 s'
     """
 
     body: Body
     _: KW_ONLY
     mass_factor: Annotated[float, not_negative("1/s")] = 0.0
     stiffness_factor: Annotated[float, not_negative("s")] = 0.0
+    loss_factor: Annotated[float, positive()] | None = None
+    frequency: Annotated[float, positive("Hz")] | None = None
     tension_only: bool = False
     name: str = "damping"
 
     def __post_init__(self) -> None:
+        what = f"Damping '{self.name}'"
         check(
-            self.mass_factor + self.stiffness_factor > 0,
-            f"Damping '{self.name}': both factors are zero; give one of them.",
+            (self.loss_factor is None) == (self.frequency is None),
+            f"{what}: loss_factor is {self.loss_factor} and frequency is {self.frequency}; "
+            "give both or none.",
         )
         check(
-            not self.tension_only
-            or (isinstance(self.body, Membrane) and self.stiffness_factor > 0),
-            f"Damping '{self.name}': tension_only is for the stiffness damping of films; "
+            self.loss_factor is None or self.stiffness_factor == 0,
+            f"{what}: stiffness_factor is {self.stiffness_factor:g} s, and loss_factor is given, "
+            "too; give one of them.",
+        )
+        check(
+            self.mass_factor + self.damping_time > 0,
+            f"{what}: both factors are zero; give one of them.",
+        )
+        check(
+            not self.tension_only or (isinstance(self.body, Membrane) and self.damping_time > 0),
+            f"{what}: tension_only is for the stiffness damping of films; "
             "leave it out, or give both.",
         )
+
+    @property
+    def damping_time(self) -> float:
+        """β [s], given as `stiffness_factor` or by the loss factor."""
+        if self.loss_factor is None or self.frequency is None:
+            return self.stiffness_factor
+        return self.loss_factor / (2 * math.pi * self.frequency)
 
     def terms(self, start: State) -> Iterable[Term]:
         """Dissipation by the mass and by the stiffness, for factors above zero; with `tension_only`
         also the stiffness of the film at the start of each step, as a term."""
         body = self.body
-        both = self.mass_factor > 0 and self.stiffness_factor > 0
+        both = self.mass_factor > 0 and self.damping_time > 0
         # Two terms need two names in the energy balance; one alone keeps that of the item.
         by_mass = f"{self.name} (mass)" if both else self.name
         by_stiffness = f"{self.name} (stiffness)" if both else self.name
@@ -110,8 +139,8 @@ class Damping(OnBody):
                 body.mass_dx,
                 parameters=(Parameter("mass_factor", "1/s", α),),
             )
-        if self.stiffness_factor > 0:
-            β = constant(body.space.mesh, self.stiffness_factor)
+        if self.damping_time > 0:
+            β = constant(body.space.mesh, self.damping_time)
             factor = (Parameter("stiffness_factor", "s", β),)
             if self.tension_only and isinstance(body, Membrane):
                 stiffness = PresentStiffness(body, body.measure, body.density, body.dx)
@@ -163,6 +192,20 @@ def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Ex
 STRAINS = 3  # E11, E22, 2 E12
 
 
+def stiffness_entries(density: Callable[[Expr], Expr], strain: Expr) -> Expr:
+    """The nine entries of the stiffness ψ''(e) [N/m] of a film of energy density ψ at a strain e
+    (3,), row by row."""
+    e = ufl.variable(strain)
+    C = ufl.diff(gradient(density, e), e)
+    return ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
+
+
+def matrix_of(entries: Any) -> Expr:
+    """The matrix (3, 3) of nine entries, row by row."""
+    n = STRAINS
+    return ufl.as_matrix([[entries[n * i + j] for j in range(n)] for i in range(n)])
+
+
 class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
     """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
 
@@ -190,9 +233,7 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         thermal = thermal_strain_of(self._system, term.body)
         if thermal is not None:
             strain -= thermal.start
-        e = ufl.variable(strain)
-        C = ufl.diff(gradient(term.density, e), e)
-        return ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
+        return stiffness_entries(term.density, strain)
 
     def commit(self) -> None:
         """Evaluate C in the accepted state, the start of the next step."""
@@ -289,5 +330,4 @@ class PresentStiffness:
     @property
     def matrix(self) -> Expr:
         """C for forms with the measure `dx`."""
-        n = STRAINS
-        return ufl.as_matrix([[self.values[n * i + j] for j in range(n)] for i in range(n)])
+        return matrix_of(self.values)

@@ -57,7 +57,7 @@ PATH_POINTS = tuple((k + 0.5) / 20 for k in range(20))
 
 @runtime_checkable
 class _HasBranches(Protocol):
-    """Viscoelastic bodies, whose stress is that of a larger strain."""
+    """Viscoelastic bodies, whose branches add a stress."""
 
     def branches_of(self, body: MeshBody) -> list[Any]: ...
 
@@ -129,7 +129,7 @@ class BodyShape:
             self._add_expansion()
         # The branches of a viscoelastic body
         self._relaxing = _branches_of(body, system)
-        # Strains that they add where a stress is shown, and what sets them
+        # Stresses that they add where a stress is shown, and what sets them
         self._branches: list[tuple[fem.Function, Callable[[], None]]] = []
 
     def _add_expansion(self) -> None:
@@ -173,7 +173,6 @@ class BodyShape:
         """Stress ∂ψ/∂e of the body, as the step used it; of a law in C to be summed over
         `path_points`."""
         e0, e1 = self.strain_path()
-        is_point = e0 is e1
         body = self._given_body
         check(
             not has_unknown_stress(body, self._system),
@@ -182,18 +181,22 @@ class BodyShape:
         )
         if not self._branches:
             at_end = self.rule.acts_at_end
-            self._branches = [branch.shown_strain(at_end) for branch in self._relaxing]
-        for strain, _ in self._branches:
-            e0 += strain
-            e1 += strain
-        if is_point:
+            self._branches = [branch.shown_stress(at_end) for branch in self._relaxing]
+        stress = self._elastic_stress(e0, e1)
+        for of_branches, _ in self._branches:
+            stress += of_branches
+        return stress
+
+    def _elastic_stress(self, e0: Expr, e1: Expr) -> Expr:
+        """Stress of the law on the path of strains from e0 to e1, without that of branches."""
+        if e0 is e1:
             return gradient(self.body.density, e1)
         energy = next(
             term
             for term in self._system.terms
-            if isinstance(term, StoredEnergy) and term.body is body
+            if isinstance(term, StoredEnergy) and term.body is self._given_body
         )
-        if energy.c_law is not None or self.body is not body:
+        if energy.c_law is not None or self.body is not self._given_body:
             # Of a law in C one stress is a long expression in UFL, many are too long to compile.
             # The energy of a reduced film has the law on another mesh.
             if self._on_path is None:
@@ -220,8 +223,8 @@ class BodyShape:
         self._reconstruct(self.v, self._state.rates().ravel())
         if self.q_start is not None:
             self._reconstruct(self.q_start, self._before.coordinates().ravel())
-        for _, set_strain in self._branches:
-            set_strain()
+        for _, set_stress in self._branches:
+            set_stress()
         if self._curvature is not None:
             self._set_curvature(self._curvature)
 

@@ -1,0 +1,112 @@
+"""The door through which libraries come in: none of them reads the folder in which one stands.
+
+PETSc reads `.petscrc` and `petscrc` of the current folder, which may load a library, dolfinx and
+FFCx read options there that change what forms compute, matplotlib its `matplotlibrc`.  A folder
+with the recording of a stranger must not do that.  So these libraries are imported while another
+folder is the current one, and PETSc is started without such files.
+
+What the user's own configuration says stays: `~/.config` for FFCx, dolfinx and matplotlib, and for
+PETSc `PETSC_OPTIONS`, in which `-options_file NAME` names a file.
+
+A library that was imported before `gossamer_fx` has read its files already.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+# A folder of this package, in which no library finds a file that it reads.
+_EMPTY = Path(__file__).resolve().parent
+
+
+@contextmanager
+def _elsewhere() -> Iterator[None]:
+    """Another current folder within the block."""
+    # By its descriptor, as the path of a folder may be gone or unreadable.
+    try:
+        here = os.open(".", os.O_RDONLY | os.O_DIRECTORY)
+    except OSError:
+        os.chdir(_EMPTY)
+        yield
+        return
+    os.chdir(_EMPTY)
+    try:
+        yield
+    finally:
+        os.fchdir(here)
+        os.close(here)
+
+
+def _start_petsc(module: ModuleType) -> None:
+    """Start PETSc before the module does, without option files that nobody has named."""
+    import petsc4py
+
+    # A text of options, which PETSc would read in addition to PETSC_OPTIONS.
+    os.environ.pop("PETSC_OPTIONS_YAML", None)
+    # The first word is the name of the program.
+    petsc4py.init(["gossamer_fx", "-skip_petscrc"])
+
+
+def _read_options(module: ModuleType) -> None:
+    """Let a module read its options now: it keeps them, and asks for them when a form is
+    compiled."""
+    module._load_options()
+
+
+def _nothing(module: ModuleType) -> None:
+    """Do nothing."""
+
+
+# What is done before and after each of these modules is executed.
+_GUARDED: dict[str, tuple[Callable[[ModuleType], None], Callable[[ModuleType], None]]] = {
+    "petsc4py.PETSc": (_start_petsc, _nothing),
+    "dolfinx.jit": (_nothing, _read_options),
+    "ffcx.options": (_nothing, _read_options),
+    "matplotlib": (_nothing, _nothing),
+}
+
+
+class _GuardedLoader(Loader):
+    """Executes a module while another folder is the current one."""
+
+    def __init__(self, loader: Any, name: str) -> None:
+        self._loader = loader
+        self._before, self._after = _GUARDED[name]
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        """The module as its own loader makes it."""
+        created: ModuleType | None = self._loader.create_module(spec)
+        return created
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Execute the module."""
+        with _elsewhere():
+            self._before(module)
+            self._loader.exec_module(module)
+            self._after(module)
+
+    def __getattr__(self, name: str) -> Any:
+        # Data files of the module are found by its own loader.
+        return getattr(self._loader, name)
+
+
+class Door(MetaPathFinder):
+    """Finds the modules that are guarded; the other finders find the rest."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """The spec of a guarded module, with a loader that guards it."""
+        if fullname not in _GUARDED:
+            return None
+        spec = PathFinder.find_spec(fullname, path, target)
+        if spec is not None and spec.loader is not None:
+            spec.loader = _GuardedLoader(spec.loader, fullname)
+        return spec
