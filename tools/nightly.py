@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import ast
-import copy
 import json
 import math
 import os
@@ -24,6 +23,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeGuard
 
 from packages import ROOT
 
@@ -50,7 +50,10 @@ PARTS = {
             "tests/statics/test_thermal_expansion.py",
         ),
     ),
-    "contact": ("gossamer_fx/mechanics/contact", ("tests/contact", "tests/statics/test_contact_at_rest.py")),
+    "contact": (
+        "gossamer_fx/mechanics/contact",
+        ("tests/contact", "tests/statics/test_contact_at_rest.py"),
+    ),
     "gas": (
         "gossamer_fx/mechanics/gas",
         (
@@ -88,38 +91,37 @@ OTHER_OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
 
 @dataclass(frozen=True)
 class Mutant:
-    """One small error: the file below the root, the line, the text before and after, and the whole
-    file with it."""
+    """One small error: the file below the root, number and text of the line, the expression before
+    and after, and the whole file with it."""
 
     path: str
     line: int
+    source: str
     before: str
     after: str
     text: str
 
     @property
     def key(self) -> str:
-        return f"{self.path}: {self.before} -> {self.after}"
+        return f"{self.path}: {self.source}: {self.before} -> {self.after}"
 
 
-def mutants_of(path: Path) -> Iterator[Mutant]:
-    """Each mutant of a Python file: an operator or comparison that is another one, or a number that
+def mutant_of(path: Path, number: int) -> Mutant:
+    """One mutant of a Python file: an operator or comparison that is another one, or a number that
     is larger by one.  Docstrings, annotations, messages and checks of arguments stay."""
-    source = path.read_text(encoding="utf-8")
-    tree = ast.parse(source)
-    count = sum(1 for _ in _places(tree))
-    for number in range(count):
-        changed = copy.deepcopy(tree)
-        node = list(_places(changed))[number]
-        before = ast.unparse(node)
-        _change(node)
-        yield Mutant(
-            path=str(path.relative_to(ROOT)),
-            line=node.lineno,
-            before=before,
-            after=ast.unparse(node),
-            text=ast.unparse(changed),
-        )
+    text = path.read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    node = list(_places(tree))[number]
+    before = ast.unparse(node)
+    _change(node)
+    return Mutant(
+        path=str(path.relative_to(ROOT)),
+        line=node.lineno,
+        source=text.splitlines()[node.lineno - 1].strip(),
+        before=before,
+        after=ast.unparse(node),
+        text=ast.unparse(tree),
+    )
 
 
 def _places(tree: ast.AST) -> Iterator[ast.expr]:
@@ -138,14 +140,19 @@ def _places(tree: ast.AST) -> Iterator[ast.expr]:
                     continue
                 if isinstance(node, ast.AnnAssign):
                     skipped.update(id(inner) for inner in ast.walk(node.annotation))
-                if isinstance(node, ast.BinOp) and type(node.op) in OTHER_OPERATORS:
+                if _can_change(node):
                     yield node
-                elif isinstance(node, ast.Compare) and type(node.ops[0]) in OTHER_OPERATORS:
-                    yield node
-                elif isinstance(node, ast.BoolOp):
-                    yield node
-                elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-                    yield node
+
+
+def _can_change(node: ast.AST) -> TypeGuard[ast.expr]:
+    """Whether `_change` knows an error in a node."""
+    if isinstance(node, ast.BinOp):
+        return type(node.op) in OTHER_OPERATORS
+    if isinstance(node, ast.Compare):
+        return type(node.ops[0]) in OTHER_OPERATORS
+    if isinstance(node, ast.Constant):
+        return type(node.value) in (int, float)
+    return isinstance(node, ast.BoolOp)
 
 
 def _change(node: ast.expr) -> None:
@@ -168,10 +175,7 @@ def sample(part: str, count: int, seed: int) -> list[Mutant]:
     for path in files:
         number = sum(1 for _ in _places(ast.parse(path.read_text(encoding="utf-8"))))
         places += [(path, k) for k in range(number)]
-    found = []
-    for path, k in chosen.sample(places, min(count, len(places))):
-        found.append(next(one for i, one in enumerate(mutants_of(path)) if i == k))
-    return found
+    return [mutant_of(path, k) for path, k in chosen.sample(places, min(count, len(places)))]
 
 
 def is_found(mutant: Mutant, tree: Path, tests: Sequence[str]) -> bool:
@@ -206,9 +210,8 @@ def run_mutants(parts: Sequence[str], count: int, seed: int) -> bool:
             tests = PARTS[part][1]
             # Tests that fail without any mutant would find all of them.
             whole = sample(part, 1, seed)[0]
-            unchanged = Mutant(
-                whole.path, 0, "", "", (tree / whole.path).read_text(encoding="utf-8")
-            )
+            text = (tree / whole.path).read_text(encoding="utf-8")
+            unchanged = Mutant(whole.path, 0, "", "", "", text)
             if is_found(unchanged, tree, tests):
                 print(f"{part}: its tests fail without any mutant", flush=True)
                 all_well = False
