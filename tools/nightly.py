@@ -23,7 +23,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 from packages import ROOT
 
@@ -157,13 +157,14 @@ def _can_change(node: ast.AST) -> TypeGuard[ast.expr]:
 
 def _change(node: ast.expr) -> None:
     """Make a small error in an expression."""
+    # The types of operators do not matter: each kind has others of its kind only.
+    changed: Any = node
     if isinstance(node, ast.BinOp | ast.BoolOp):
-        node.op = OTHER_OPERATORS[type(node.op)]()  # type: ignore[assignment]
+        changed.op = OTHER_OPERATORS[type(node.op)]()
     elif isinstance(node, ast.Compare):
-        node.ops[0] = OTHER_OPERATORS[type(node.ops[0])]()  # type: ignore[assignment]
+        changed.ops[0] = OTHER_OPERATORS[type(node.ops[0])]()
     elif isinstance(node, ast.Constant):
-        assert isinstance(node.value, int | float)
-        node.value = node.value + 1
+        changed.value = changed.value + 1
 
 
 def sample(part: str, count: int, seed: int) -> list[Mutant]:
