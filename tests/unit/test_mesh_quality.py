@@ -275,3 +275,30 @@ def test_a_separate_panel_may_lie_other_side_up(comm):
 def test_the_likely_slip_is_named_once(items, words):
     found = [one for one in warnings(items()) if re.search(words, one)]
     assert len(found) == 1
+
+
+@pytest.mark.parametrize(
+    ("order", "film_order", "is_told"), [(1, 2, True), (2, 2, False), (1, 1, False)]
+)
+def test_order_2_on_plane_cells_of_a_curved_surface_is_told(order, film_order, is_told):
+    film = gx.Membrane(sphere(WORLD, 1.0, 6, order=order), LINEAR, order=film_order)
+    assert any("cut off what the surface bulges" in words for words in warnings([film])) == is_told
+
+
+def test_order_2_on_a_plane_mesh_is_not_told():
+    film = gx.Membrane(airbag(WORLD, 1.0, 4), LINEAR, order=2)
+    assert not any("cut off what the surface bulges" in words for words in warnings([film]))
+
+
+def test_contact_of_a_film_of_order_2_and_its_pressure_are_told(comm, caplog):
+    """A uniform pressure is 0 at vertices and 4/3 at other nodes."""
+    floor = gx.contact.Plane(point=(0.0, 0.0, -1e-3), normal=(0.0, 0.0, 1.0))
+    for order in (1, 2):
+        film = gx.Membrane(sheet(comm, 2, 2), LINEAR, order=order)
+        touching = gx.Contact(film, floor, distance=2e-3)
+        told = any("is of order 2, whose cells touch" in words for words in warnings([touching]))
+        assert told == (order == 2)
+        scene = gx.Equilibrium(gx.Scene(film, touching))
+        gx.fields.field_values(scene, film, field="contact_pressure")
+        if comm.rank == 0:
+            assert ("0 at vertices and 4/3 of the pressure" in caplog.text) == (order == 2)

@@ -27,7 +27,7 @@ from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
-from gossamer_fx.core.model.terms import Parameter
+from gossamer_fx.core.model.terms import MeasuresMesh, Parameter
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.terms.assembly import Differentiable
 from gossamer_fx.solve.system.system import System
@@ -575,4 +575,12 @@ def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) ->
                 f"'{brought_by(system, compiled)}' is measured on the mesh when the scene is made, "
                 f"so that there is no derivative by '{name}'; leave it out of the scene."
             )
+    for item in system.items:
+        measures = isinstance(item, MeasuresMesh) and any(one is body for one in item.requires())
+        check(
+            not measures,
+            f"gradient: '{getattr(item, 'name', type(item).__name__)}' has numbers that were "
+            f"measured on the mesh when it was made, so that there is no derivative by '{name}'; "
+            "leave it out of the scene.",
+        )
     return FormVariable(name, "m", [MeshNodes(body.space.mesh)], adjoint)

@@ -152,6 +152,6 @@ def _soft_films(system: System) -> Iterator[str]:
         if stiffness is not None and stiffness < SOFT_RESIDUAL_STIFFNESS:
             yield (
                 f"'{body.name}' is of order 2 and resists compression by {stiffness:.0e} of its "
-                "stiffness only: take order=1 with a finer mesh, or "
-                f"residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
+                "stiffness only: take order=1 with a finer mesh.  (More residual_stiffness finds "
+                "an equilibrium, but of other wrinkles: heights of single points then differ.)"
             )

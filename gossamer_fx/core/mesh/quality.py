@@ -33,6 +33,9 @@ NO_SIZE = 1e-9
 # than 154 degrees.
 UPSIDE_DOWN_COSINE = -0.9
 
+# Cosine of an angle of one degree: triangles that enclose less lie in one plane.
+SMOOTH_COSINE = 0.9998
+
 # Share of the area of a plane mesh from which what lies upside down is taken for the second layer
 # of a film that is folded, and not for a defect.
 FOLDED_FILM_SHARE = 0.4
@@ -146,10 +149,9 @@ def turned_inside(domain: dmesh.Mesh) -> int:
     return int(domain.comm.allreduce(int(turned.sum())))
 
 
-def folded(table: EdgeTable) -> int:
-    """Count triangles of the whole mesh that lie upside down on their neighbours: with two
-    neighbours or more, all of whose normals enclose more than 154° with theirs, since a node was
-    moved across an edge.  One neighbour is not enough: it may be a sharp fold.  Collective."""
+def _neighbours(table: EdgeTable) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Normals (n, 3) of the owned triangles, those (n, 3, 3) of the neighbours at their edges, and
+    whether there is one neighbour of the same orientation (n, 3).  Collective."""
     domain = table.domain
     topology = domain.topology
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
@@ -174,7 +176,26 @@ def folded(table: EdgeTable) -> int:
     comparable.scatter_forward()
 
     other = sums.array.reshape(-1, 3)[edges[:owned]] - normals[:, None]
-    has_neighbour = comparable.array[edges[:owned]] > 0
+    return normals, other, comparable.array[edges[:owned]] > 0
+
+
+def share_of_bent_edges(table: EdgeTable) -> float:
+    """Share of the interior edges, counted from both sides, at which neighbouring triangles enclose
+    an angle between a degree and a right angle, as on a curved surface.  Collective."""
+    normals, other, has_neighbour = _neighbours(table)
+    cosines = _dot(other, normals[:, None])
+    is_bent = has_neighbour & (cosines < SMOOTH_COSINE) & (cosines > 0)
+    own = np.array([is_bent.sum(), has_neighbour.sum()])
+    bent, edges = table.domain.comm.allreduce(own).tolist()
+    return bent / max(edges, 1)
+
+
+def folded(table: EdgeTable) -> int:
+    """Count triangles of the whole mesh that lie upside down on their neighbours: with two
+    neighbours or more, all of whose normals enclose more than 154° with theirs, since a node was
+    moved across an edge.  One neighbour is not enough: it may be a sharp fold.  Collective."""
+    normals, other, has_neighbour = _neighbours(table)
+    domain = table.domain
     is_opposite = _dot(other, normals[:, None]) < UPSIDE_DOWN_COSINE
     all_opposite = (is_opposite | ~has_neighbour).all(axis=1)
     found = (has_neighbour.sum(axis=1) >= 2) & all_opposite

@@ -48,6 +48,15 @@ class RefersToItems(Protocol):
         """The items that it refers to."""
 
 
+class MeasuresMesh:
+    """Base of items whose numbers are measured on the meshes of their bodies when they are made,
+    such as the lengths of a tape: a result has no derivative by the shape of these bodies."""
+
+    def requires(self) -> Iterable[object]:
+        """The bodies that are measured."""
+        raise NotImplementedError
+
+
 class OnBody:
     """An item of a scene that acts on one body, which joins the scene with it."""
 

@@ -17,7 +17,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import Array, Attached, Port, combine
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import OnBody, Term
+from gossamer_fx.core.model.terms import MeasuresMesh, OnBody, Term
 from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.spring import Quadratic
@@ -45,7 +45,7 @@ class OneSided:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Tape(OnBody):
+class Tape(OnBody, MeasuresMesh):
     """Bars along a line of a film, each between two points of it that move with the film.
 
     Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges`

@@ -41,7 +41,7 @@ from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, Port, is_on_mesh
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import MeasuresMesh, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, aligned, edge_line
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -55,7 +55,7 @@ NODE = 1e-9
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Tie:
+class Tie(MeasuresMesh):
     """A tie: the nodes of a line of one film or cable stay where they are at the start on a line of
     another.
 
@@ -226,7 +226,7 @@ def _between(body: Meshed, ends: npt.NDArray[np.int64], s: float) -> Port:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Seam:
+class Seam(MeasuresMesh):
     """A seam: two edges of films that are drawn together in a time, and are tied from then on.
 
         x_a - x_b = (1 - s(t)) (X_a - X_b),    s = 0 before and 1 after `closing`

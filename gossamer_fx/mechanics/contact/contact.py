@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
@@ -341,6 +341,20 @@ class Contact:
         self.obstacles = [body for body in bodies if isinstance(body, Obstacle)]
         check(bool(self.bodies), f"Contact '{name}' has no film, cable or beam; give at least one.")
         self.radii = self._radii(radius or {})
+
+    def warnings(self, items: Iterable[Any]) -> Iterator[str]:
+        """A warning for each film of order 2, whose curved surface may be inside of an obstacle."""
+        # Imported here, as `contact_pressure` is needed by few scenes.
+        from gossamer_fx.mechanics.contact.contact_pressure import is_curved_film
+
+        for body in self.bodies:
+            if is_curved_film(body) and not getattr(body, "bends", False):
+                yield (
+                    f"Contact '{self.name}': '{body.name}' is of order 2, whose cells touch as "
+                    "four plane pieces each: its curved surface may be inside of what it touches, "
+                    "by the height of the curve over a piece; make it of order 1, or its cells "
+                    "smaller, where clearance counts."
+                )
 
     def _check_bodies(self, bodies: tuple[Any, ...]) -> None:
         """Raise `InputError` for what has no surface, and for what is given twice."""

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import logging
+from weakref import WeakSet
+
 import numpy as np
 
-from gossamer_fx.core.model.body import Body
+from gossamer_fx.core.model.body import Body, is_on_mesh
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.contract import Array, Int64Array
 from gossamer_fx.mechanics.contact.potential import evaluate
+
+LOG = logging.getLogger("gossamer_fx")
+
+# Films for which the warning was logged.
+_warned: WeakSet[Body] = WeakSet()
 
 
 def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
@@ -17,8 +25,33 @@ def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array
     # The same on all ranks: `pressures` is collective.
     if not any(other is body for other in contact_set.mesh.bodies):
         return np.zeros(0, dtype=np.int64), np.zeros(0)
+    warn_of_order(body)
     of_body = nodes_of(body, contact_set)
     return contact_set.mesh.nodes[of_body], pressures(contact_set)[of_body]
+
+
+def is_curved_film(body: Body) -> bool:
+    """Whether the cells of a body are triangles of order 2, which contact cuts into four plane
+    pieces."""
+    if not is_on_mesh(body):
+        return False
+    space = body.space
+    return space.mesh.topology.dim == 2 and space.ufl_element().degree == 2
+
+
+def warn_of_order(body: Body) -> None:
+    """Warn once of a film of order 2: the pieces share the loads of a cell, and not its shape
+    functions, so that a uniform pressure is 0 at vertices and 4/3 of it at other nodes."""
+    if body in _warned or not is_curved_film(body):
+        return
+    _warned.add(body)
+    if body.comm.rank == 0:
+        LOG.warning(
+            "contact_pressure: '%s' is a film of order 2, whose nodes share the contact forces of a"
+            " cell unevenly: 0 at vertices and 4/3 of the pressure at other nodes; only sums over "
+            "an area are right.",
+            body.name,
+        )
 
 
 def nodes_of(body: Body, contact_set: ContactSet) -> Int64Array:

@@ -14,7 +14,7 @@ from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.contact.broad_phase.candidates import import_facets
 from gossamer_fx.mechanics.contact.contact import CompiledContact, Contact
-from gossamer_fx.mechanics.contact.contact_pressure import nodes_of, pressures
+from gossamer_fx.mechanics.contact.contact_pressure import nodes_of, pressures, warn_of_order
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
@@ -122,6 +122,7 @@ class _TouchedNodes:
     def _pressures_and_areas(self, run: Any) -> tuple[Array, Array]:
         """Pressure (k,) [Pa] on the body's nodes of this rank and their areas (k,) [m²].
         Collective."""
+        warn_of_order(self.body)
         contact_set = contact_set_of(self.contact, run)
         nodes = nodes_of(self.body, contact_set)
         return pressures(contact_set)[nodes], contact_set.mesh.area[nodes]

@@ -16,7 +16,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes, geometry_element
 from gossamer_fx.core.mesh.edges import edges_of
 from gossamer_fx.core.mesh.quality import (
     NO_SIZE,
@@ -28,6 +28,7 @@ from gossamer_fx.core.mesh.quality import (
     folded,
     folded_in_plane,
     open_seams,
+    share_of_bent_edges,
     turned_inside,
 )
 from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh
@@ -80,6 +81,10 @@ _FILM_EXTENT = 300.0
 
 # Width of a plate over its thickness below which it is too stiff in its plane by more than 3 %.
 _WIDE_PLATE = 0.1
+
+# Share of the interior edges at which neighbouring triangles enclose an angle, from which on a mesh
+# is that of a curved surface; of a film with folds it is less.
+_CURVED_SHARE = 0.5
 
 # Warnings that this process has printed, or rank 0 for it.
 _printed: set[str] = set()
@@ -178,6 +183,18 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
             yield (
                 f"'{body.name}' has {upside_down} triangles upside down on their neighbours; "
                 "look at its mesh."
+            )
+        is_flat_of_order_2 = (
+            isinstance(body, Membrane)
+            and not body.bends
+            and body.order == 2
+            and geometry_element(domain).degree == 1
+        )
+        if is_flat_of_order_2 and share_of_bent_edges(table) > _CURVED_SHARE:
+            yield (
+                f"'{body.name}' is of order 2 on a curved mesh of plane triangles, which cut off "
+                "what the surface bulges over them, as those of order 1 do; make the mesh of order "
+                "2 (gmsh: model.mesh.setOrder(2))."
             )
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
         bends = getattr(body, "bends", False) and thickness > 0
