@@ -35,7 +35,7 @@ class Row:
 
     Attributes:
         cells: as the page shows them.
-        command: that makes the figures; empty if the row has none of its own.
+        command: that makes the figures; may be empty.
         date: of the run, year-month-day.
         commit: of the program that was run, or that brought the row.
     """
