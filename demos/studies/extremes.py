@@ -146,7 +146,7 @@ def heat(comm: MPI.Comm, cooling: float) -> Answer:
 
 
 def scale(comm: MPI.Comm, size: float) -> Answer:
-    """The height of the middle over the size, beside that of a film of 1 m."""
+    """The height of the middle over the size, compared with that of a film of 1 m."""
     return Answer(None, _height(comm, size), _height(comm, 1.0), 1e-7)
 
 
