@@ -231,7 +231,7 @@ def test_results_of_something_else_are_not_used(folder):
 
 def test_the_command_writes_table_results_and_picture(folder, capsys):
     assert main(["hiad_plateau", "--out", str(folder)]) == 0
-    assert "All 12 comparisons are as declared." in capsys.readouterr().out
+    assert "All 18 comparisons are as declared." in capsys.readouterr().out
     found = [json.loads(path.read_text()) for path in folder.glob("hiad_plateau/runs/*.json")]
     by_test = {result["values"]["test"]: result["numbers"] for result in found}
     loads = by_test["2 up, 138 kPa"]["y of plateau load"]
