@@ -62,6 +62,7 @@ PARTS = {
             "tests/unit/test_gas_sources.py",
             "tests/unit/test_gas_mixtures.py",
             "tests/unit/test_gas_coupling.py",
+            "tests/bodies/test_sewn_chambers.py",
             "tests/convergence/test_ideal_gas.py",
             "tests/statics/test_gas_at_rest.py",
             "tests/conservation/test_compartments.py",
