@@ -93,7 +93,7 @@ class Table:
 
     def record(self, run: gx.Simulation, last: bool) -> None:
         """Add a row if it is time for one."""
-        if self._schedule.due(run.step, run.time, last):
+        if self._schedule.due(run.step, run.time, last, since=None):
             self.rows.append(tuple(column(run) for column in self._columns.values()))
 
     def close(self, run: gx.Simulation) -> None:

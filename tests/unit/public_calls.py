@@ -38,6 +38,8 @@ UNCALLED = {
     "analysis.EquilibriumResult",
     "analysis.ReachedPrestress",
     "analysis.Convergence",
+    "analysis.Spread",
+    "analysis.Verdict",
     "analysis.Gradient",
     "analysis.Fit",
     "analysis.Optimum",
