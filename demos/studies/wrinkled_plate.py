@@ -189,6 +189,7 @@ STUDY = Study(
     ),
     quick={"start": ["theory"], "cells": [1]},
     expected_warnings=NOT_REGULAR,
+    not_repeatable={"film's seconds": "a CPU time"},
     columns=(
         "counted, force [N], film's force [N], energy [J], unknowns, film's unknowns, iterations, "
         "seconds, film's seconds"

@@ -44,7 +44,10 @@ NOT_STABLE = {
     "The equilibrium is not stable": "wrinkles that the mesh resolves could merge, and film that "
     "bears compression could form more of them"
 }
-WITHOUT_UNITS = {"numbers are in SI units": "the reference is without units, or a round number"}
+WITHOUT_UNITS = {
+    "numbers are in SI units": "the reference is without units, or a round number",
+    "lengths are in metres": "the reference is without units, or a round number",
+}
 
 # Largest relative change of a result from the stored one: what is printed has fewer digits.
 REPEATABILITY = 1e-3
