@@ -99,6 +99,7 @@ def build(
     loss_factor: float = KAPTON_HN.loss_factor or 0.0,
     damping: float = 0.0,
     tension_only: bool = True,
+    residual_stiffness: float = 1e-6,
     contact: float = 5e-4,
     contact_stiffness: float | None = None,
     nudge: float = 0.0,
@@ -121,6 +122,7 @@ def build(
         damping: viscosity of the film over its stiffness [s], in addition; 0: none.
         tension_only: whether the damping acts where film is taut only, see
             `gx.loads.Viscoelasticity`.
+        residual_stiffness: compressive over tensile stiffness of the film.
         contact: activation distance [m].
         contact_stiffness: [N/m³]; None: from closing speeds.
         nudge: relative change of the pressure of the tank, to see what is chaotic.
@@ -147,7 +149,7 @@ def build(
     )
     tube = InflatableTube(
         round_tube(comm, **sizes),
-        KAPTON_HN.law(thickness, residual_stiffness=1e-6),
+        KAPTON_HN.law(thickness, residual_stiffness=residual_stiffness),
         gas=NITROGEN,
         dead_volume=dead_volume,
         caps={"tip": disc},

@@ -8,6 +8,7 @@ at a time changed.
                that is assumed for polyimide, or a damping time; "all over" acts also where film is
                slack
     contact    activation distance [m]
+    residual_stiffness   compressive over tensile stiffness of the film
 
 Half-way, arrival and tip speed are those of the tip; the stiffness is that of the tip in the
 equilibrium that is found from the end of the run.  The swing is the largest distance of the tip
@@ -35,9 +36,7 @@ DAMPING: dict[str, dict[str, Any]] = {
 }
 
 
-def problem(
-    comm: MPI.Comm, damping: str = "loss 0.01", **given: float
-) -> dict[str, float]:
+def problem(comm: MPI.Comm, damping: str = "loss 0.01", **given: float) -> dict[str, float]:
     """The figures of one deployment."""
     return main(comm=comm, **DAMPING[damping], **given)
 
@@ -52,6 +51,7 @@ STUDY = SpreadStudy(
         "nudge": [0.0, 1e-9, -1e-9],
         "damping": list(DAMPING),
         "contact": [5e-4, 2.5e-4],
+        "residual_stiffness": [1e-6, 1e-5],
     },
     expected={
         "halfway [ms]": Expected("determined", 20.0, 26.0),

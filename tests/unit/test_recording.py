@@ -162,9 +162,7 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames == 6 and image.info["duration"] == pytest.approx(1000 / 6, abs=10)
         wide = image.size
-    gx.plot.animate(
-        run, "state", path=tmp_path / "run.gif", seconds=1.0, until=5 * DT, pixels=480
-    )
+    gx.plot.animate(run, "state", path=tmp_path / "run.gif", seconds=1.0, until=5 * DT, pixels=480)
     with Image.open(tmp_path / "run.gif") as image:
         # Records every second step until half of the run.
         assert image.n_frames == 3 and image.size[0] < 0.9 * wide[0]
