@@ -365,8 +365,7 @@ def animate(
     last = float(run.times[-1]) if until is None else min(until, float(run.times[-1]))
     check(
         last >= first,
-        f"The run begins at {first:g}, after {until} at which the animation is to end; give a later "
-        "time.",
+        f"The run begins at {first:g}, and the animation is to end at {until}; give a later time.",
     )
     shown = int(np.count_nonzero(np.asarray(run.times) <= last))
     count = min(max(shown, 1), max(round(seconds * _FRAMES_PER_SECOND), 2))

@@ -1,9 +1,9 @@
 """A warning of films that vibrate under the pressure of gas, and that nothing damps.
 
-Problem.  The midpoint rule conserves energy: a film without damping that gas has shaken keeps its
-vibration for ever.  Its strain energy is then many times that of the film at rest under the same
-pressure; the vibration holds folds open and film slack, and opening times and stiffness are those
-of a film that there is not.  The energy balance closes all the same.
+Problem.  The midpoint rule conserves energy: a film without damping that gas has shaken vibrates
+without end.  Its strain energy is then many times that of the film at rest under the same pressure;
+the vibration holds folds open and film slack, and opening times and stiffness are not those of any
+real film.  The energy balance closes all the same.
 
 Estimate.  At rest the trace N of the tension [N/m] of a closed film of area A has ∫N dA = 3 p V,
 from the work of a uniform growth.  With the mean of N along one direction, as in a wrinkled film,
