@@ -470,7 +470,7 @@ class Simulation:
 
         if self._undamped is None:
             self._undamped = UndampedFilms(self.system)
-        self._undamped.warn(self)
+        self._undamped.warn(self.first, self.totals)
 
     def _go(self, milestones: Sequence[float], signals: Listener) -> None:
         """Step to each milestone in turn, a time that must be met.  Collective.

@@ -26,8 +26,8 @@ from gossamer_fx.mechanics.materials.film import IsotropicFilm
 from gossamer_fx.mechanics.terms.element_energies import ViscousDissipation
 
 if TYPE_CHECKING:
-    from gossamer_fx.records.run.simulation import Simulation
     from gossamer_fx.solve.system.system import System
+    from gossamer_fx.solve.system.totals import Totals
 
 LOGGER = logging.getLogger("gossamer_fx")
 
@@ -43,6 +43,7 @@ class UndampedFilms:
     """
 
     def __init__(self, system: System) -> None:
+        self._system = system
         damped = {term.body for term in system.terms if isinstance(term, ViscousDissipation)}
         # (E t A) [N m] of each film that is watched.
         self._stiffness: dict[Membrane, float] = {}
@@ -55,14 +56,14 @@ class UndampedFilms:
                     area = system.comm.allreduce(own)
                     self._stiffness[film] = film.law.E * film.law.thickness * area
 
-    def warn(self, run: Simulation) -> None:
-        """Warn of films whose strain energy is too large for the pressure of their gas.
-        Collective."""
-        for film, ratio in self._ratios(run).items():
+    def warn(self, first: Totals, now: Totals) -> None:
+        """Warn of films whose strain energy is too large for the pressure of their gas, by the
+        energies at the start of the run and now."""
+        for film, ratio in self._ratios(first, now).items():
             if ratio < MAX_RATIO:
                 continue
             del self._stiffness[film]
-            if run.comm.rank == 0:
+            if self._system.comm.rank == 0:
                 LOGGER.warning(
                     "'%s': its strain energy is %.2g times that of film which bears the pressure "
                     "of its gas at rest, and nothing damps it: it vibrates, which holds folds open "
@@ -72,10 +73,10 @@ class UndampedFilms:
                     ratio,
                 )
 
-    def _ratios(self, run: Simulation) -> dict[Membrane, float]:
+    def _ratios(self, first: Totals, now: Totals) -> dict[Membrane, float]:
         """Strain energy of each film that is watched, less that of the start, over U."""
         work = dict.fromkeys(self._stiffness, 0.0)
-        for state in run.system.chambers.values():
+        for state in self._system.chambers.values():
             films = _films_of(state.chamber)
             outside = getattr(state.chamber, "outside", None)
             gauge = state.pressure - (outside.pressure if outside is not None else 0.0)
@@ -85,7 +86,7 @@ class UndampedFilms:
                     work[film] += 3 * gauge * volume / len(films)
         ratios = {}
         for film, stiffness in self._stiffness.items():
-            gained = run.totals.stored.get(film.name, 0.0) - run.first.stored.get(film.name, 0.0)
+            gained = now.stored.get(film.name, 0.0) - first.stored.get(film.name, 0.0)
             at_rest = work[film] ** 2 / (2 * stiffness)
             if at_rest > 0:
                 ratios[film] = gained / at_rest
