@@ -34,6 +34,8 @@ from .statics.path import EquilibriumPath as EquilibriumPath
 from .statics.path import path as path
 from .statics.prestress import ReachedPrestress as ReachedPrestress
 from .statics.result import EquilibriumResult as EquilibriumResult
+from .statics.several import EquilibriumFound as EquilibriumFound
+from .statics.several import equilibria as equilibria
 from .vibration.mode_sensitivity import Frequency as Frequency
 from .vibration.mode_shapes import ModeShapes as ModeShapes
 from .vibration.natural_modes import Mode as Mode

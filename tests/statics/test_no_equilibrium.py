@@ -195,3 +195,15 @@ def test_a_plate_without_loads_is_not_blamed_for_the_round_off_of_its_reactions(
     edges = [gx.Fixed(plate, edge) for edge in EDGES]
     assert gx.Equilibrium(gx.Scene(*edges)).find().within_tolerance
     assert not caplog.records
+
+
+def test_an_open_film_under_pressure_names_what_does_not_close_it(comm):
+    """The message of a search that fails; the sheet is held at one edge."""
+    sheet_of_film = film(comm)
+    search = gx.analysis.Continuation(total_iterations=20)
+    pressure = gx.Pressure(sheet_of_film, 1e3, name="wind")
+    scene = gx.Scene(gx.Fixed(sheet_of_film, "left"), pressure)
+    words = "Nothing closes the open film 'film' against 'wind': [0-9]+ of [0-9]+ nodes of its rim"
+    with pytest.raises(gx.NoEquilibrium, match=words) as failure:
+        Equilibrium(scene, search).find()
+    assert "gx.analysis.path follows its equilibria" in str(failure.value)

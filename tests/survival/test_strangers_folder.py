@@ -112,3 +112,31 @@ def test_a_folder_that_is_gone_is_no_obstacle(tmp_path: Path) -> None:
     code = f"import os; os.rmdir({str(gone)!r})\n" + SHOWN
     done = program(gone, "-c", code)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("link", "words"),
+    [
+        ("report.html", ("report", "out")),
+        ("curves.png", ("plot", "out", "--curves")),
+        ("vtu", ("export", "out")),
+    ],
+    ids=["report", "plot", "export"],
+)
+def test_nothing_is_written_through_a_link_of_a_run(
+    folder: Path, link: str, words: tuple[str, ...]
+) -> None:
+    made = program(folder, "-m", "gossamer_fx", "run", "scene.py", "--output", "out")
+    assert made.returncode == 0, made.stderr
+    elsewhere = folder / "elsewhere"
+    if link == "vtu":
+        elsewhere.mkdir()
+    else:
+        elsewhere.write_text("mine")
+    (folder / "out" / link).symlink_to(elsewhere)
+    said = program(folder, "-m", "gossamer_fx", *words)
+    assert said.returncode == 2 and "is a link; remove it" in said.stderr, said
+    if link == "vtu":
+        assert not list(elsewhere.iterdir())
+    else:
+        assert elsewhere.read_text() == "mine"

@@ -70,6 +70,21 @@ def test_an_error_on_one_rank_is_told_on_all(tmp_path: Path, what: str) -> None:
     )
 
 
+@pytest.mark.parametrize("what", ["pressure", "event", "probe"])
+def test_one_rank_that_ends_the_program_is_an_error_on_all(tmp_path: Path, what: str) -> None:
+    """Both ranks would wait for each other for ever."""
+    said = run(tmp_path, what, 2, 1, "--exit")
+    words = WORDS[what].split("it raises")[0] + r"it raises SystemExit \(3\)"
+    assert said.returncode == 2, said
+    assert len(re.findall(f"told: {words}", said.stdout)) == 2, said.stdout
+    assert gx.run.latest_checkpoint(tmp_path / "saves")
+
+
+def test_a_function_that_ends_the_program_on_all_ranks_ends_it(tmp_path: Path) -> None:
+    for ranks in (1, 2):
+        assert run(tmp_path / str(ranks), "event", ranks, -1, "--exit").returncode == 3
+
+
 @pytest.mark.parametrize("rank", [0, 1])
 def test_a_scene_that_one_rank_refuses_ends_the_program(tmp_path: Path, rank: int) -> None:
     said = run(tmp_path, "scene", 2, rank, "raise")

@@ -29,6 +29,8 @@ def main() -> None:
             time = at if isinstance(at, float) else at.time
             if name != what or time < 3 * DT or rank not in (-1, COMM.rank):
                 return good
+            if "--exit" in sys.argv:
+                sys.exit(3)
             if wrong is None:
                 raise ZeroDivisionError("of the user")
             return wrong

@@ -33,10 +33,13 @@ UNCALLED = {
     "analysis.StressPeak",
     "analysis.Derivative",
     "analysis.RunTape",
+    "analysis.EquilibriumFound",
     "analysis.EquilibriumPath",
     "analysis.EquilibriumResult",
     "analysis.ReachedPrestress",
     "analysis.Convergence",
+    "analysis.Spread",
+    "analysis.Verdict",
     "analysis.Gradient",
     "analysis.Fit",
     "analysis.Optimum",
@@ -482,6 +485,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         tolerance=0.1,
     )
     add("analysis.modes", equilibrium=inputs.equilibrium, count=1)
+    add("analysis.equilibria", equilibrium=gx.Equilibrium(scene), starts=2, perturbation=0.01)
     add(
         "analysis.path",
         equilibrium=inputs.equilibrium,

@@ -155,6 +155,7 @@ def files_of(calls: dict[str, Call]) -> dict[str, Path]:
 
 # Numbers that may be negative.
 OF_ANY_SIGN = {
+    "analysis.equilibria": "at",
     "gas.Antoine": "A B C",
     "Case": "halvings",
     "Fixed": "twist",
@@ -186,7 +187,7 @@ OF_ANY_SIGN = {
 NOT_NEGATIVE = {
     "At": "time",
     "Chamber": "dead_volume",
-    "Damping": "mass_factor",
+    "Damping": "mass_factor stiffness_factor",
     "Elastica": "nu",
     "GeneralizedAlpha": "spectral_radius",
     "Linear": "nu",
@@ -220,7 +221,9 @@ NOT_NEGATIVE = {
     "fold.Miura": "opening lift",
     "fold.Roll": "pitch opening",
     "fold.Star": "gap",
+    "fold.TubeZigzag": "opening lift",
     "fold.Zigzag": "opening lift",
+    "analysis.equilibria": "seed",
     "gas.Ambient": "pressure",
     "gas.WallHeat": "conductance",
     "materials.ThermalExpansion": "alpha temperature reference",

@@ -240,11 +240,13 @@ def flat_area(run) -> float:
     return float(np.linalg.norm(area_vectors(corners), axis=1).sum())
 
 
+@pytest.mark.parametrize(("until", "dt", "last"), [(0.004, 5e-5, 1.18e5), (0.2, 2e-3, 1.1e5)])
 @pytest.mark.parametrize(("viscous", "inertial"), [(2e3, 0.0), (1e3, 2e3)])
-def test_leak_down_of_a_porous_sphere(viscous, inertial):
+def test_leak_down_of_a_porous_sphere(viscous, inertial, until, dt, last):
     """A stiff sphere of 1.2e5 Pa in air of 1e5 Pa against the ordinary differential equation of its
-    gas at constant volume and area; the film stretches by some 1e-5."""
-    run = porous_sphere(MPI.COMM_SELF, viscous, inertial, E=1e12)
+    gas at constant volume and area, on the way and at its end, which any law reaches; the film
+    stretches by some 1e-5."""
+    run = porous_sphere(MPI.COMM_SELF, viscous, inertial, E=1e12, dt=dt)
     state = run.chamber("bag")
     volume = state.volume
     flat = flat_area(run)
@@ -258,12 +260,11 @@ def test_leak_down_of_a_porous_sphere(viscous, inertial):
         flow = mass / volume * flat * v
         return [-flow, -flow * AIR.cp * T]
 
-    until = 0.2
     start = [state.mass, state.internal_energy]
     exact = solve_ivp(rates, (0, until), start, rtol=1e-11, atol=1e-12).y[:, -1]
     run.run(until=until)
     assert [state.mass, state.internal_energy] == pytest.approx(exact, rel=1e-4)
-    assert state.pressure < 1.1e5
+    assert state.pressure < last
     assert abs(run.energy_error) <= 1e-10 and abs(run.mass_error) <= 1e-13
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.user_functions import ask_numbers
@@ -54,8 +56,14 @@ def remedies(
         *_unsupported(system),
         *(pressure.words for pressure in collapsing_pressures(pressed_films, system.time)),
         *_gas_that_cooled(chambers),
+        *_open_films(system, pressed_films),
         *_soft_films(system),
     ]
+    if not system.active_sets:
+        found.append(
+            "If the load has a limit, or the scene snaps through: gx.analysis.path follows its "
+            "equilibria by the arc length."
+        )
     return "".join(f"  {sentence}" for sentence in found)
 
 
@@ -120,6 +128,34 @@ def collapsing_pressures(
             f"as {cause} (mesh.enclosed_volume() is {enclosed.volume:.3g} m³): {remedy}."
         )
         yield CollapsingPressure(words, is_inwards)
+
+
+def _open_films(system: System, pressed_films: Iterable[PressedFilm]) -> Iterator[str]:
+    """Yield a sentence for each film under a pressure that is open, and free along a part of its
+    rim: a pressure that follows it has no potential there, and turns it over.  Collective."""
+    if system.constraints is not None:
+        # What is sewn or tied may be closed.
+        return
+    for pressed in pressed_films:
+        film = pressed.pressure.body
+        domain = film.mesh.domain
+        topology = domain.topology
+        topology.create_connectivity(1, 2)
+        facets = exterior_facet_indices(topology)
+        dofs = fem.locate_dofs_topological(film.space, 1, facets)
+        owned = dofs[dofs < film.space.dofmap.index_map.size_local]
+        is_held = np.zeros(system.numbering.size_local, dtype=bool)
+        is_held[system.supports.held] = True
+        first = system.block(film).owned.start
+        rim = is_held[first + 3 * owned[:, None] + np.arange(3)]
+        counts = np.array([len(rim), (~rim.any(axis=1)).sum()])
+        nodes, free = system.comm.allreduce(counts).tolist()
+        if nodes and free:
+            yield (
+                f"Nothing closes the open film '{film.name}' against '{pressed.pressure.name}': "
+                f"{free} of {nodes} nodes of its rim are free; hold the rim by gx.Fixed, or close "
+                "the film by a Seam, a Tie or a mesh without a rim."
+            )
 
 
 def _pressure_at(item: Pressure, at: float) -> float:

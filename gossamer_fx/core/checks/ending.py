@@ -48,12 +48,13 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     Otherwise the other ranks would wait for messages of this rank for ever."""
     try:
         yield
-    except Exception as error:
+    # A function of the user may end the program, or be stopped by Ctrl-C, on one rank, too.
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
         agree_on_error(comm, error)
         raise
 
 
-def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
+def agree_on_error(comm: MPI.Intracomm, error: BaseException) -> None:
     """Return if all ranks call this with an error of the same class; otherwise print the error of
     this rank and end all ranks with the exit code 1.  Ranks that do not call it within `PATIENCE`
     seconds count as without an error."""

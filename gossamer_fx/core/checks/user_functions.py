@@ -91,7 +91,7 @@ def ask_points(
 
 def _numbers(
     function: Callable[[], Any], shape: tuple[int, ...], wanted: str
-) -> tuple[str, Exception | None, Numbers]:
+) -> tuple[str, BaseException | None, Numbers]:
     """Call a user's function that is to return numbers of a shape, () for a number.  Returns the
     problem in words, empty if there is none; the exception that caused it, if any; and the numbers,
     zeros where there is a problem."""
@@ -113,16 +113,15 @@ def _is_below_limit(numbers: Numbers) -> bool:
     return bool((np.abs(numbers) <= LARGEST).all())
 
 
-def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
+def _call(function: Callable[[], Any]) -> tuple[Any, str, BaseException | None]:
     """Call a function of the user.  Returns the result, None after an exception; the problem in
-    words, empty if there is none; and the exception.  `KeyboardInterrupt` and `SystemExit` are not
-    caught."""
+    words, empty if there is none; and the exception.  `KeyboardInterrupt` is not caught."""
     try:
         return function(), "", None
     except InputError as error:
         return None, str(error), error
-    # A function of the user may raise anything.
-    except Exception as error:
+    # A function of the user may raise anything, and may end the program on one rank alone.
+    except (Exception, SystemExit) as error:
         words = " ".join(str(error).split()) or "no words"
         return None, f"it raises {type(error).__name__} ({words}); correct its function.", error
 
@@ -143,16 +142,18 @@ def _shown(value: Any) -> str:
 
 
 def _agree(
-    comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None, values: Numbers
+    comm: MPI.Intracomm, what: str, problem: str, cause: BaseException | None, values: Numbers
 ) -> Numbers:
     """Return the values if no rank has a problem and those of all ranks are the same, the largest
     where they differ by round-off.  Collective.
 
     Otherwise `InputError` is raised on all ranks; values differ if by more than `SAME` of the
-    largest.  If other ranks do not answer within `PATIENCE` seconds, a rank with a problem prints
-    it and ends the program.
+    largest.  A function that ends the program on all ranks ends it.  If other ranks do not answer
+    within `PATIENCE` seconds, a rank with a problem prints it and ends the program.
     """
     if comm.size == 1:
+        if isinstance(cause, SystemExit):
+            raise cause
         if problem:
             raise InputError(f"{what}: {problem}") from cause
         return values
@@ -173,6 +174,10 @@ def _agree(
         request.Wait()
     if extremes[0]:
         problems = [text for text in talk.allgather(problem) if text]
+        # The program ends if all ranks say so; one rank alone has an error.
+        if talk.allreduce(isinstance(cause, SystemExit), MPI.LAND):
+            assert cause is not None
+            raise cause
         raise InputError(f"{what}: {problems[0]}") from cause
     highest = extremes[1 : 1 + flat.size]
     lowest = -extremes[1 + flat.size :]

@@ -195,6 +195,9 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         return ""
 
     def dissipated(self) -> Array:
+        # The pseudo-time of a search for rest is none in which a power acts.
+        if self._system.rule.is_static:
+            return np.zeros(len(self._viscous))
         return np.array([force.dissipated() for force in self._viscous])
 
     def supplied(self) -> float:

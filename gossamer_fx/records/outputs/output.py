@@ -339,12 +339,21 @@ def _is_of_a_run(path: Path) -> bool:
 def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> None:
     """Make the folder of an output and try to write in it; `InputError` if that fails.  Collective.
 
+    A link is refused, also as a folder within that of a run: the folder of a stranger may have one
+    that leads to any file.
+
     Args:
         file: whether `path` is to be a file (True) or a folder (False); None: either.
     """
 
     def task() -> None:
         """Make the folder and write a page of 4096 bytes to it, which is removed; on rank 0."""
+        for part in (path, *path.parents):
+            is_ours = part == path or (part.parent / "run.json").exists()
+            check(
+                not (is_ours and part.is_symlink()),
+                f"Cannot write '{path}': '{part}' is a link; remove it, or give another name.",
+            )
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"

@@ -764,11 +764,9 @@ class System:
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(compiled.supplied() for compiled in self.compiled)
-        if not self.rule.is_static:
-            # A search for rest has no history, and its pseudo-time is none in which a power acts.
-            for compiled in self.compiled:
-                for name, loss in zip(compiled.losses, compiled.dissipated(), strict=True):
-                    self.losses[name] += float(loss)
+        for compiled in self.compiled:
+            for name, loss in zip(compiled.losses, compiled.dissipated(), strict=True):
+                self.losses[name] += float(loss)
         for scalars in self.scalar_unknowns:
             scalars.commit()
         # Before q0 changes: the remainder of the sum q0 + p + w is needed.

@@ -1,0 +1,225 @@
+"""Several equilibria of a scene under the same loads, by searches from disturbed starts.
+
+Problem.  A structure that snaps through, wrinkled film and a kite have several equilibria, and a
+search finds the one that its start leads to.
+
+Idea.  Repeat the search from starts that are moved by smooth random displacements
+
+    u(X) = a Σ_j d_j cos(2π k_j·(X - X0)/L + φ_j),                                              (1)
+
+with an amplitude a, random directions d_j, wave vectors k_j of up to three waves over the extent L
+of the scene, and phases φ_j.  Noise from node to node would smooth itself out in the first
+pseudo-step.
+
+Two results are the same equilibrium if no free point is farther apart than a fraction of the
+extent.  Where something moves freely, positions are not unique, and stored energies are compared.
+
+Limit.  Nothing says that all equilibria were found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.analysis.statics.result import EquilibriumResult
+from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
+from gossamer_fx.core.checks.errors import NoEquilibrium
+from gossamer_fx.core.model.body import Array
+
+# Distance of points over the extent of the scene, and difference of stored energies over the larger
+# one, from which on two equilibria differ.
+SAME_PLACE = 1e-4
+SAME_ENERGY = 1e-6
+
+# Waves of (1), and most of them over the extent.
+WAVES = 6
+MOST_WAVES = 3.0
+
+# Amplitude of a disturbance over the largest one.
+SMALLEST_AMPLITUDE = 0.2
+
+
+@check_arguments
+@dataclass(frozen=True, repr=False)
+class EquilibriumFound:
+    """One of several equilibria.
+
+    Attributes:
+        result: as of `Equilibrium.find`: whether it is regular and stable.
+        stored: sum of the stored energies [J].
+        starts: numbers of the starts that led to it; 0 is the one that was not disturbed.
+        distance: largest distance [m] of a point from where the first equilibrium has it.
+        coordinates: this rank's unknowns (n,), see `take`.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> (hanging,) = gx.analysis.equilibria(
+        ...     gx.Equilibrium(gx.Scene(weight, spring)), starts=2
+        ... )
+        >>> hanging.starts
+        (0, 1)
+    """
+
+    result: EquilibriumResult
+    stored: float
+    starts: tuple[int, ...]
+    distance: float
+    coordinates: Array
+
+    def __repr__(self) -> str:
+        return (
+            f"<EquilibriumFound: stored {self.stored:.6g} J, {self.result.summary()}, from "
+            f"{len(self.starts)} starts, {self.distance:.3g} m from the first>"
+        )
+
+
+@check_arguments
+@collective
+def equilibria(
+    equilibrium: Equilibrium,
+    *,
+    starts: Annotated[int, Range(1)] = 8,
+    perturbation: Annotated[float, positive()] = 0.05,
+    at: float = 0.0,
+    seed: Annotated[int, Range(0)] = 0,
+) -> list[EquilibriumFound]:
+    """Search for equilibria from several disturbed starts, and list those that differ, that of the
+    undisturbed start first and then by their stored energy.
+
+    The scene has the state of the first one then.  Nothing says that these are all.  Searches that
+    find nothing are left out; a scene with friction or creases that yield has the history of the
+    start in each of them.
+
+    Args:
+        equilibrium: its present state is the undisturbed start.
+        starts: number of searches.
+        perturbation: largest move of a free point in a disturbed start, over the extent of the
+            scene.
+        at: time of loads and prescribed positions [s].
+        seed: of the random numbers: the same starts for the same number, on as many ranks.
+
+    Returns:
+        The equilibria that differ.
+
+    Raises:
+        NoEquilibrium: no search has found one.
+
+    Example:
+        >>> mass = gx.PointMass(0.01, (0.0, 0.0, 0.2))
+        >>> bars = [
+        ...     gx.connectors.Spring(
+        ...         mass.port(), gx.Ground(at), stiffness=1e3, length=1.02, name=f"bar {k}"
+        ...     )
+        ...     for k, at in enumerate([(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0)])
+        ... ]
+        >>> found = gx.analysis.equilibria(
+        ...     gx.Equilibrium(gx.Scene(*bars)), starts=8, perturbation=3.0
+        ... )
+        >>> sum(one.result.unstable == 0 for one in found)
+        2
+    """
+    system = equilibrium.system
+    start = _State(equilibrium)
+    found: list[EquilibriumFound] = []
+    failure = ""
+    for number in range(starts):
+        start.restore(equilibrium)
+        if number:
+            moved = start.q + _disturbance(equilibrium, perturbation, seed + number)
+            system.restore(moved, 0 * moved, system.time)
+        try:
+            result = equilibrium.find(at=at, progress=False)
+        except NoEquilibrium as reason:
+            failure = str(reason)
+            continue
+        stored = sum(result.totals.stored.values())
+        coordinates = system.q0.array_r.copy()
+        for k, other in enumerate(found):
+            if _are_same(equilibrium, other, result, stored, coordinates):
+                numbers = (*other.starts, number)
+                found[k] = EquilibriumFound(
+                    other.result, other.stored, numbers, other.distance, other.coordinates
+                )
+                break
+        else:
+            distance = 0.0
+            if found:
+                distance = _distance(equilibrium, found[0].coordinates, coordinates)
+            found.append(EquilibriumFound(result, stored, (number,), distance, coordinates))
+    if not found:
+        raise NoEquilibrium(f"equilibria: none of {starts} searches has found one; {failure}")
+    start.restore(equilibrium)
+    system.restore(found[0].coordinates, 0 * found[0].coordinates, system.time)
+    equilibrium.find(at=at, progress=False)
+    return [found[0], *sorted(found[1:], key=lambda one: one.stored)]
+
+
+class _State:
+    """What a search starts from: coordinates, time, and gas."""
+
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        system = equilibrium.system
+        self.q: Array = system.q0.array_r.copy()
+        self._time = system.time
+        self._gas = [scalars.get_history() for scalars in system.scalar_unknowns]
+
+    def restore(self, equilibrium: Equilibrium) -> None:
+        """Let the equilibrium search from this state.  Collective."""
+        system = equilibrium.system
+        system.restore(self.q, 0 * self.q, self._time)
+        for scalars, history in zip(system.scalar_unknowns, self._gas, strict=True):
+            scalars.set_history(history)
+        equilibrium.take_over(self._time)
+
+
+def _disturbance(equilibrium: Equilibrium, perturbation: float, seed: int) -> Array:
+    """The displacement (1) of this rank's unknowns (n,), zero at fixed coordinates, directors and
+    multipliers; the same function on every rank.  Collective."""
+    system = equilibrium.system
+    generator = np.random.default_rng(seed)
+    extent = system.initial.extent()
+    directions = generator.standard_normal((WAVES, 3))
+    waves = generator.uniform(-MOST_WAVES, MOST_WAVES, (WAVES, 3))
+    phases = generator.uniform(0, 2 * np.pi, WAVES)
+    moved = np.zeros(system.numbering.size_local)
+    for body in system.bodies:
+        owned = system.block(body).owned
+        vectors = system.q0.array_r[owned].reshape(-1, body.block.size // 3, 3)
+        angles = 2 * np.pi * vectors[:, 0] @ waves.T / (extent or 1.0) + phases
+        of_body = np.zeros_like(vectors)
+        of_body[:, 0] = np.cos(angles) @ directions
+        moved[owned] = of_body.ravel()
+    moved[system.supports.held] = 0.0
+    largest = equilibrium.comm.allreduce(float(np.abs(moved).max(initial=0.0)), op=MPI.MAX)
+    # Not all starts are equally far away.
+    amplitude = perturbation * generator.uniform(SMALLEST_AMPLITUDE, 1.0)
+    return amplitude * extent * moved / (largest or 1.0)
+
+
+def _are_same(
+    equilibrium: Equilibrium,
+    other: EquilibriumFound,
+    result: EquilibriumResult,
+    stored: float,
+    coordinates: Array,
+) -> bool:
+    """Whether two searches have found the same equilibrium.  Collective."""
+    if result.free or other.result.free:
+        return abs(stored - other.stored) <= SAME_ENERGY * max(abs(stored), abs(other.stored))
+    distance = _distance(equilibrium, other.coordinates, coordinates)
+    return distance <= SAME_PLACE * equilibrium.system.initial.extent()
+
+
+def _distance(equilibrium: Equilibrium, one: Array, other: Array) -> float:
+    """Largest change [m] of a coordinate of a position from one state to another.  Collective."""
+    system = equilibrium.system
+    marks = system.position_marks
+    changes = np.abs(other - one)[: 3 * len(marks)].reshape(-1, 3) * marks[:, None]
+    return float(system.comm.allreduce(float(changes.max(initial=0.0)), op=MPI.MAX))

@@ -1,0 +1,69 @@
+"""Several equilibria of one scene, found from disturbed starts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.line import line
+
+EA = 1000.0  # N
+RISE = 0.2
+
+
+def two_bars(comm, load=0.0):
+    """A two-bar arch, whose apex moves vertically."""
+    points = [(-1.0, 0.0, 0.0), (0.0, 0.0, RISE), (1.0, 0.0, 0.0)]
+    bars = gx.Cable(line(comm, points, 1), gx.CableLaw(EA=EA, line_density=1.0), name="bars")
+    held = [
+        gx.Fixed(bars, "start"),
+        gx.Fixed(bars, "end"),
+        gx.Fixed(bars, "point 1", components=(0, 1)),
+    ]
+    push = gx.loads.Force(bars.port("point 1"), (0.0, 0.0, -load))
+    return gx.Equilibrium(gx.Scene(*held, push)), gx.probes.Position(bars.port("point 1"), "z")
+
+
+@pytest.mark.mpi
+def test_a_two_bar_arch_has_an_upper_and_a_lower_equilibrium(comm):
+    """Without load at ± the rise, both stable and without energy."""
+    equilibrium, height = two_bars(comm)
+    found = gx.analysis.equilibria(equilibrium, starts=12, perturbation=0.5)
+    assert len(found) >= 2
+    upper, lower = (one for one in found if one.result.unstable == 0)
+    assert 0 in upper.starts and 0 not in lower.starts
+    assert upper.stored < 1e-9 and lower.stored < 1e-9
+    assert lower.distance == pytest.approx(2 * RISE, rel=1e-6)
+    assert sum(len(one.starts) for one in found) <= 12
+    # The scene has the state of the first.
+    assert height(equilibrium) == pytest.approx(RISE, rel=1e-9)
+
+
+def test_equilibria_under_a_load_have_the_energies_of_closed_forms(comm):
+    """P = 2 EA ε z/l0 with ε = (z² - h²)/(2 l0²), of which three roots are in equilibrium."""
+    l0 = np.hypot(1.0, RISE)
+    load = 0.3 * 2 / (3 * np.sqrt(3)) * EA * (RISE / l0) ** 3
+    roots = np.sort(np.roots([EA / l0**3, 0.0, -EA * RISE**2 / l0**3, load]).real)
+    energies = sorted(EA * l0 * ((z**2 - RISE**2) / (2 * l0**2)) ** 2 for z in roots[[0, 2]])
+    equilibrium, _ = two_bars(comm, load)
+    found = gx.analysis.equilibria(equilibrium, starts=12, perturbation=0.5)
+    stable = sorted(one.stored for one in found if one.result.unstable == 0)
+    assert stable == pytest.approx(energies, rel=1e-6)
+
+
+def test_one_equilibrium_is_listed_once(comm):
+    mass = gx.PointMass(1.0, name="mass", comm=comm)
+    anchor = gx.Ground((0.0, 0.0, 1.0))
+    spring = gx.connectors.Spring(mass.port(), anchor, stiffness=100.0, length=0.5)
+    equilibrium = gx.Equilibrium(gx.Scene(spring, gx.Gravity(mass)))
+    (found,) = gx.analysis.equilibria(equilibrium, starts=5)
+    assert found.starts == (0, 1, 2, 3, 4)
+
+
+def test_no_equilibrium_from_any_start_is_an_error(comm):
+    mass = gx.PointMass(1.0, name="mass", comm=comm)
+    search = gx.analysis.Continuation(total_iterations=50)
+    equilibrium = gx.Equilibrium(gx.Scene(gx.Gravity(mass)), search)
+    with pytest.raises(gx.NoEquilibrium, match="none of 2 searches has found one"):
+        gx.analysis.equilibria(equilibrium, starts=2)

@@ -1,0 +1,341 @@
+"""Checks that take too long for each change: ./gossamer python tools/nightly.py [jitter|mutants].
+
+    jitter     quick forms of studies from starts that are moved by 1e-6 of the size of the scene,
+               ten times each: none may fail
+    mutants    the code of laws, contact and gas with one small error at a time: at least 85 % of a
+               sample must fail a test; those that do not are compared with tools/survivors.json
+
+Without a word both are run.  The exit code is 0 if all holds, else 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import math
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from packages import ROOT
+
+SURVIVORS = ROOT / "tools" / "survivors.json"
+
+# Share of the mutants that tests have to find.
+LEAST_FOUND = 0.85
+
+# Time [s] after which a run of tests on a mutant, or a study, hangs.
+LONGEST = 600
+
+# Files of each part, and the tests that are to find errors in them.
+PARTS = {
+    "laws": (
+        "gossamer_fx/mechanics/materials",
+        (
+            "tests/unit/test_materials.py",
+            "tests/unit/test_orthotropic.py",
+            "tests/unit/test_law_kernel.py",
+            "tests/unit/test_step_means.py",
+            "tests/unit/test_elastica.py",
+            "tests/statics/test_rubber.py",
+            "tests/statics/test_cauchy_stress.py",
+            "tests/statics/test_thermal_expansion.py",
+        ),
+    ),
+    "contact": (
+        "gossamer_fx/mechanics/contact",
+        ("tests/contact", "tests/statics/test_contact_at_rest.py"),
+    ),
+    "gas": (
+        "gossamer_fx/mechanics/gas",
+        (
+            "tests/unit/test_gas.py",
+            "tests/unit/test_gas_openings.py",
+            "tests/unit/test_gas_sources.py",
+            "tests/unit/test_gas_mixtures.py",
+            "tests/unit/test_gas_coupling.py",
+            "tests/bodies/test_sewn_chambers.py",
+            "tests/convergence/test_ideal_gas.py",
+            "tests/statics/test_gas_at_rest.py",
+            "tests/conservation/test_compartments.py",
+            "tests/conservation/test_gradients_with_gas.py",
+        ),
+    ),
+}
+
+OTHER_OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.Lt: ast.GtE,
+    ast.LtE: ast.Gt,
+    ast.Gt: ast.LtE,
+    ast.GtE: ast.Lt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+}
+
+
+# ---- mutants -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One small error: the file below the root, number and text of the line, the expression before
+    and after, and the whole file with it."""
+
+    path: str
+    line: int
+    source: str
+    before: str
+    after: str
+    text: str
+
+    @property
+    def key(self) -> str:
+        return f"{self.path}: {self.source}: {self.before} -> {self.after}"
+
+
+def mutant_of(path: Path, number: int) -> Mutant:
+    """One mutant of a Python file: an operator or comparison that is another one, or a number that
+    is larger by one.  Docstrings, annotations, messages and checks of arguments stay."""
+    text = path.read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    node = list(_places(tree))[number]
+    before = ast.unparse(node)
+    _change(node)
+    return Mutant(
+        path=str(path.relative_to(ROOT)),
+        line=node.lineno,
+        source=text.splitlines()[node.lineno - 1].strip(),
+        before=before,
+        after=ast.unparse(node),
+        text=ast.unparse(tree),
+    )
+
+
+def _places(tree: ast.AST) -> Iterator[ast.expr]:
+    """Expressions of function bodies that can be changed."""
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        skipped: set[int] = set()
+        for statement in function.body:
+            for node in ast.walk(statement):
+                if id(node) in skipped:
+                    continue
+                is_check = isinstance(node, ast.Call) and ast.unparse(node.func).startswith("check")
+                if is_check or isinstance(node, ast.Raise | ast.JoinedStr | ast.FunctionDef):
+                    skipped.update(id(inner) for inner in ast.walk(node))
+                    continue
+                if isinstance(node, ast.AnnAssign):
+                    skipped.update(id(inner) for inner in ast.walk(node.annotation))
+                if _can_change(node):
+                    yield node
+
+
+def _can_change(node: ast.AST) -> TypeGuard[ast.expr]:
+    """Whether `_change` knows an error in a node."""
+    if isinstance(node, ast.BinOp):
+        return type(node.op) in OTHER_OPERATORS
+    if isinstance(node, ast.Compare):
+        return type(node.ops[0]) in OTHER_OPERATORS
+    if isinstance(node, ast.Constant):
+        return type(node.value) in (int, float)
+    return isinstance(node, ast.BoolOp)
+
+
+def _change(node: ast.expr) -> None:
+    """Make a small error in an expression."""
+    # The types of operators do not matter: each kind has others of its kind only.
+    changed: Any = node
+    if isinstance(node, ast.BinOp | ast.BoolOp):
+        changed.op = OTHER_OPERATORS[type(node.op)]()
+    elif isinstance(node, ast.Compare):
+        changed.ops[0] = OTHER_OPERATORS[type(node.ops[0])]()
+    elif isinstance(node, ast.Constant):
+        changed.value = changed.value + 1
+
+
+def sample(part: str, count: int, seed: int) -> list[Mutant]:
+    """Some mutants of a part, each of all its mutants with the same chance."""
+    folder, _ = PARTS[part]
+    chosen = random.Random(seed)
+    files = sorted((ROOT / folder).rglob("*.py"))
+    places = []
+    for path in files:
+        number = sum(1 for _ in _places(ast.parse(path.read_text(encoding="utf-8"))))
+        places += [(path, k) for k in range(number)]
+    return [mutant_of(path, k) for path, k in chosen.sample(places, min(count, len(places)))]
+
+
+def is_found(mutant: Mutant, tree: Path, tests: Sequence[str]) -> bool:
+    """Whether a test in a copy of the project fails with a mutant; one that hangs counts as
+    found."""
+    target = tree / mutant.path
+    original = target.read_text(encoding="utf-8")
+    target.write_text(mutant.text, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", *tests]
+    # The copy comes first, whatever the environment adds to the path.
+    environment = dict(os.environ, PYTHONPATH=f"{tree}:{os.environ.get('PYTHONPATH', '')}")
+    try:
+        ended = subprocess.run(
+            command, cwd=tree, env=environment, capture_output=True, timeout=LONGEST, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return True
+    finally:
+        target.write_text(original, encoding="utf-8")
+    return ended.returncode != 0
+
+
+def run_mutants(parts: Sequence[str], count: int, seed: int) -> bool:
+    """Try a sample of mutants of each part; returns whether enough were found, and no survivor is
+    new."""
+    known = json.loads(SURVIVORS.read_text(encoding="utf-8")) if SURVIVORS.exists() else {}
+    all_well = True
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "project"
+        shutil.copytree(ROOT, tree, symlinks=True, ignore=shutil.ignore_patterns(".git", "out"))
+        for part in parts:
+            tests = PARTS[part][1]
+            # Tests that fail without any mutant would find all of them.
+            whole = sample(part, 1, seed)[0]
+            text = (tree / whole.path).read_text(encoding="utf-8")
+            unchanged = Mutant(whole.path, 0, "", "", "", text)
+            if is_found(unchanged, tree, tests):
+                print(f"{part}: its tests fail without any mutant", flush=True)
+                all_well = False
+                continue
+            survivors = []
+            tried = sample(part, count, seed)
+            for mutant in tried:
+                found = is_found(mutant, tree, tests)
+                words = "found" if found else "NOT FOUND"
+                print(f"{part}: line {mutant.line} of {mutant.key}: {words}", flush=True)
+                if not found:
+                    survivors.append(mutant.key)
+            rate = 1 - len(survivors) / len(tried)
+            low, high = interval(len(tried) - len(survivors), len(tried))
+            print(
+                f"{part}: {rate:.0%} of {len(tried)} mutants found "
+                f"(95 % interval {low:.0%} to {high:.0%})",
+                flush=True,
+            )
+            new = sorted(set(survivors) - set(known.get(part, ())))
+            for key in new:
+                print(f"{part}: not in {SURVIVORS.name}: {key}", flush=True)
+            all_well = all_well and rate >= LEAST_FOUND and not new
+    return all_well
+
+
+def interval(hits: int, tries: int) -> tuple[float, float]:
+    """Wilson's interval of 95 % for a rate of which some tries are known."""
+    z = 1.96
+    rate = hits / tries
+    middle = (rate + z**2 / (2 * tries)) / (1 + z**2 / tries)
+    half = z / (1 + z**2 / tries) * math.sqrt(rate * (1 - rate) / tries + z**2 / (4 * tries**2))
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+# ---- jitter --------------------------------------------------------------------------------------
+
+# Move of each free coordinate over the size of the scene.
+JITTER = 1e-6
+
+# A study in this process, whose scenes start from moved nodes.
+JITTERED = """
+import sys
+import numpy as np
+from gossamer_fx.solve.scene.scene import Scene
+
+seed, name, out = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+generator = np.random.default_rng(seed)
+compile_scene = Scene.compile
+
+def compile_jittered(self, *args, **options):
+    system = compile_scene(self, *args, **options)
+    if system.constraints is None and not system.active_sets:
+        size = system.initial.extent()
+        moved = system.q0.array_r.copy()
+        is_free = np.ones(len(moved), dtype=bool)
+        is_free[system.supports.held] = False
+        noise = {JITTER} * size * generator.uniform(-1, 1, len(moved))
+        moved[is_free] += noise[is_free]
+        system.restore(moved, system.v0.array_r.copy(), system.time)
+        for scalars in system.scalar_unknowns:
+            scalars.start()
+    return system
+
+Scene.compile = compile_jittered
+from demos.studies.__main__ import main
+sys.exit(main([name, "--quick", "--out", out]))
+"""
+
+
+def run_jitter(names: Sequence[str], times: int) -> bool:
+    """Run quick forms of studies from moved starts; returns whether all ended well, else prints the
+    rate with the upper bound of its 95 % interval."""
+    studies = sorted(path.stem for path in (ROOT / "demos/studies").glob("*.py"))
+    chosen = names or [name for name in studies if not name.startswith("_")]
+    script = JITTERED.replace("{JITTER}", repr(JITTER))
+    failures = []
+    tries = 0
+    for name in chosen:
+        for seed in range(times):
+            tries += 1
+            with tempfile.TemporaryDirectory() as out:
+                try:
+                    ended = subprocess.run(
+                        [sys.executable, "-c", script, str(seed), name, out],
+                        cwd=ROOT,
+                        capture_output=True,
+                        text=True,
+                        timeout=LONGEST,
+                        check=False,
+                    )
+                    reason = "" if ended.returncode == 0 else (ended.stdout + ended.stderr)[-400:]
+                except subprocess.TimeoutExpired:
+                    reason = f"hangs for {LONGEST} s"
+            print(f"jitter: {name}, start {seed}: {'well' if not reason else 'FAILED'}", flush=True)
+            if reason:
+                failures.append(name)
+                print(reason, flush=True)
+    _, high = interval(len(failures), tries)
+    print(
+        f"jitter: {len(failures)} of {tries} runs failed; at most {high:.1%} with 95 %", flush=True
+    )
+    return not failures
+
+
+def main(words: Sequence[str]) -> int:
+    """Run what the words ask for; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", nargs="?", choices=("jitter", "mutants"))
+    parser.add_argument("names", nargs="*", help="studies, or parts of the code")
+    parser.add_argument("--times", type=int, default=10, help="starts of each study")
+    parser.add_argument("--count", type=int, default=40, help="mutants of each part")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(words)
+    is_well = True
+    if options.what in (None, "jitter"):
+        is_well = run_jitter(options.names if options.what else (), options.times)
+    if options.what in (None, "mutants"):
+        parts = options.names if options.what and options.names else list(PARTS)
+        is_well = run_mutants(parts, options.count, options.seed) and is_well
+    return int(not is_well)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
