@@ -54,6 +54,7 @@ from demos.common.deployment import (
 )
 from demos.common.inflatable_tube import InflatableTube
 from demos.common.tube_bending import tip_stiffness
+from gossamer_fx.analysis.cases.results import read_results
 from gossamer_fx.core.checks.errors import on_rank_zero
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.round_tube import round_tube
@@ -74,11 +75,12 @@ OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
 # Time [s] over which the largest swing of the tip is taken, longer than a period.
 SWING_TIME = 0.05
 # Fractions of the run at which the picture shows the tube.
-PICTURES = (0.0, 0.02, 0.06, 0.1, 0.14, 1.0)
+PICTURES = (0.0, 0.02, 0.06, 0.12, 0.18, 1.0)
 
 
-# What the study `boom` found over meshes, steps, starts and damping.
-UNDETERMINED = ""
+# States of the recording, and the end of the animation [s].
+FRAMES = 160
+ANIMATED_UNTIL = 0.12
 
 
 def build(
@@ -174,7 +176,7 @@ def build(
             )
         )
     control = gx.StepControl(target_iterations=iterations, max_step=8 * dt)
-    return deployment_case(items, TITLE, probes_of(tube), until, control, dt)
+    return deployment_case(items, TITLE, probes_of(tube), until, control, dt, frames=FRAMES)
 
 
 def probes_of(tube: InflatableTube) -> dict[str, Probe]:
@@ -312,16 +314,34 @@ def main(
 
 
 def animate(folder: Path) -> None:
-    """Write the animation of a recorded run."""
+    """Write the animation of the deployment of a recorded run, without the swing that follows."""
     gx.plot.animate(
-        gx.plot.RunReader(folder), "state", path=folder / "folded_tube.gif", seconds=4.0, view=VIEW
+        gx.plot.RunReader(folder),
+        "state",
+        path=folder / "folded_tube.gif",
+        seconds=5.0,
+        until=ANIMATED_UNTIL,
+        pixels=640,
+        view=VIEW,
     )
+
+
+def stored_verdicts() -> dict[str, str]:
+    """What the stored study `boom` says of each quantity: determined to so much, or its range."""
+    # Imported here: the study runs this demo.
+    from demos.studies.boom import STUDY
+
+    stored = Path(__file__).parents[1] / "studies" / "results" / f"{STUDY.name}.json"
+    found = STUDY.spread(read_results(stored, STUDY.name))
+    return {name: str(found.verdict(name)) for name in STUDY.expected}
 
 
 if __name__ == "__main__":
     folder = Path("out/folded_tube")
     print_figures(main(output=folder), UNITS)
     if MPI.COMM_WORLD.rank == 0:
-        print(UNDETERMINED)
+        print("over meshes, steps, starts, contact and damping (./gossamer study boom):")
+        for name, verdict in stored_verdicts().items():
+            print(f"{name:48} {verdict}")
         gx.write_report(gx.plot.RunReader(folder), folder / "report.html")
         print(f"report written to {folder / 'report.html'}, for a browser")

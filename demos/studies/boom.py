@@ -5,8 +5,10 @@ at a time changed.
     dt         first step [s]; the largest is eight times as long
     nudge      relative change of the pressure of the tank, far below any accuracy
     damping    of the film: a loss factor that is the same for all frequencies, within the range
-               that is assumed for polyimide, or a damping time; "all over" acts also where film is
-               slack
+               that is assumed for polyimide, or a damping time, which acts where film is taut or
+               also where it is slack
+    slack      "resists" if the branches of the usual damping act also where film is slack: they
+               take the shortening of folded and wrinkled film for a strain of the material
     contact    activation distance [m]
     residual_stiffness   compressive over tensile stiffness of the film
 
@@ -31,14 +33,17 @@ DAMPING: dict[str, dict[str, Any]] = {
     "loss 0.03": {"loss_factor": 0.03},
     "1e-7 s": {"loss_factor": 0.0, "damping": 1e-7},
     "1e-6 s": {"loss_factor": 0.0, "damping": 1e-6},
-    "1e-6 s all over": {"loss_factor": 0.0, "damping": 1e-6, "tension_only": False},
-    "loss 0.01 all over": {"tension_only": False},
+    "1e-6 s, slack too": {"loss_factor": 0.0, "damping": 1e-6, "tension_only": False},
 }
+SLACK: dict[str, dict[str, Any]] = {"is free": {}, "resists": {"tension_only": False}}
 
 
-def problem(comm: MPI.Comm, damping: str = "loss 0.01", **given: float) -> dict[str, float]:
-    """The figures of one deployment."""
-    return main(comm=comm, **DAMPING[damping], **given)
+def problem(
+    comm: MPI.Comm, damping: str = "loss 0.01", slack: str = "is free", **given: float
+) -> dict[str, float]:
+    """The figures of one deployment, and its swing at the end over that before."""
+    found = main(comm=comm, **DAMPING[damping], **SLACK[slack], **given)
+    return {**found, "swing over that before": found["swing [%]"] / found["swing before [%]"]}
 
 
 STUDY = SpreadStudy(
@@ -50,22 +55,25 @@ STUDY = SpreadStudy(
         "dt": [1e-4, 5e-5],
         "nudge": [0.0, 1e-9, -1e-9],
         "damping": list(DAMPING),
+        "slack": list(SLACK),
         "contact": [5e-4, 2.5e-4],
         "residual_stiffness": [1e-6, 1e-5],
     },
     expected={
-        "halfway [ms]": Expected("determined", 20.0, 26.0),
-        "arrived [ms]": Expected("determined", 40.0, 46.0),
-        "tip speed [m/s]": Expected("determined", 7.0, 9.0),
-        "stiffness along z [N/m]": Expected("determined", 123.0, 130.0),
-        "pressure [Pa]": Expected("determined", 6500.0, 7000.0),
+        "halfway [ms]": Expected("not determined", 20.0, 29.0),
+        "arrived [ms]": Expected("determined", 40.0, 47.5),
+        "tip speed [m/s]": Expected("not determined", 6.8, 9.0),
+        "pressure [Pa]": Expected("determined", 6450.0, 6900.0),
+        "stiffness along z [N/m]": Expected("determined", 124.0, 129.2),
         "swing [%]": Expected("not determined", 0.0, 15.0),
-        "ring 1 [ms]": Expected("not determined", 3.0, 60.0),
-        "ring 2 [ms]": Expected("not determined", 3.0, 60.0),
-        "ring 3 [ms]": Expected("not determined", 3.0, 60.0),
+        # It shrinks in every run.
+        "swing over that before": Expected("not determined", 0.0, 0.99),
+        "ring 1 [ms]": Expected("not determined", 4.5, 50.0),
+        "ring 2 [ms]": Expected("not determined", 6.5, 45.0),
+        "ring 3 [ms]": Expected("not determined", 6.0, 40.0),
     },
     chance=["nudge"],
     quick={"nudge": [0.0, 1e-9]},
-    quick_options={"until": 0.02},
+    quick_options={"until": 0.06},
     limits={"energy_error": 1e-9, "penetrations": 0},
 )
