@@ -55,6 +55,34 @@ def straight_stiffness(law: IsotropicFilm, diameter: float, pressure: float) -> 
     return film * math.pi * inflated**3
 
 
+def tip_stiffness(
+    law: IsotropicFilm, length: float, diameter: float, pressure: float, sides: int = 0
+) -> float:
+    """Stiffness k [N/m] of the tip across a straight tube with round, rigid ends, under a pressure
+    [Pa]: a beam with shear, 1/k = L³/(3 EI) + L/(G π r t + p π r²).
+
+    Args:
+        law: of the film.
+        length, diameter: of the tube without pressure [m].
+        sides: of a regular polygon of the same circumference in place of the circle; 0: the circle.
+
+    The pressure stiffens the tube against shear: W. B. Fichter, A theory for inflated thin-wall
+    cylindrical beams, NASA TN D-3466 (1966).
+    """
+    bending = straight_stiffness(law, diameter, pressure)
+    radius = diameter / 2
+    if sides:
+        # Second moment of area of the thin polygon over that of the circle.
+        side = math.pi * diameter / sides
+        inner = side / (2 * math.tan(math.pi / sides))
+        of_polygon = sides * side / 2 * (inner**2 + side**2 / 12)
+        bending *= of_polygon / (math.pi * radius**3)
+    inflated = radius * (1 + (1 - law.nu / 2) * pressure * radius / (law.E * law.thickness))
+    of_film = law.E / (2 * (1 + law.nu)) * math.pi * inflated * law.thickness
+    shear = of_film + pressure * math.pi * inflated**2
+    return 1 / (length**3 / (3 * bending) + length / shear)
+
+
 @dataclass(frozen=True)
 class BentTube:
     """A tube under a force at its tip, by its sections from the inlet to the tip.

@@ -5,11 +5,12 @@ The method is that by which the deployment of the folded tubes in Miyazaki, KAKE
 report (2009), §4(4), was made repeatable (quality engineering); its factors and levels were not
 published, so those here are chosen.  A tube is run in every row of an L8 array as it was drawn and
 folded ("fresh"), and as two specimens that were made with errors and stored: their folds have other
-positions and angles, their diameters and thicknesses are not as drawn (`folded_tube.SCATTER`),
+positions and angles, their diameters and thicknesses are not as drawn (`flat_rooted_tube.SCATTER`),
 their creases have memory, and there is residual air.  A run ends when the tip is
-`folded_tube.ARRIVED` of the length from the clamp.  The last response is the stiffness of the tip
-of the same specimen, deployed, against a force across the tube: an equilibrium under the pressure
-that it has when the tank is empty and the gas is warm again, see demos/common/tube_bending.py.
+`flat_rooted_tube.ARRIVED` of the length from the clamp.  The last response is the stiffness of the
+tip of the same specimen, deployed, against a force across the tube: an equilibrium under the
+pressure that it has when the tank is empty and the gas is warm again, see
+demos/common/tube_bending.py.
 
     ./gossamer demo robust_tube
     ./gossamer demo robust_tube length=0.8
@@ -43,10 +44,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, new_figure, save
+from demos.common.flat_rooted_tube import ARRIVED, LOSS_FACTOR, SCATTER
+from demos.common.flat_rooted_tube import build as flat_rooted_tube
 from demos.common.manufacturing import draw_specimen
 from demos.common.tube_bending import bent_tube
-from demos.inflatables.folded_tube import ARRIVED, SCATTER
-from demos.inflatables.folded_tube import build as folded_tube
 from gossamer_fx.app.sweep.factorial import run_factorial
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
@@ -75,7 +76,14 @@ def build(
     """The tube of one run, which ends when the tip arrives."""
     longer = length / LENGTH
     given = SPECIMENS[specimen] | levels
-    case = folded_tube(comm, length=length, tank=TANK * longer, until=UNTIL * longer, **given)
+    case = flat_rooted_tube(
+        comm,
+        length=length,
+        tank=TANK * longer,
+        loss_factor=LOSS_FACTOR,
+        until=UNTIL * longer,
+        **given,
+    )
     far = distance_of(case.probes)
     probes = {**case.probes, "distance [m]": far}
     arrived = gx.When(far, ARRIVED * length, stop=True, name="the tip has arrived", tolerance=1e-5)
@@ -170,7 +178,7 @@ CONTROL: dict[str, tuple[Any, Any]] = {
     "dead_volume": (0.2e-6, 0.1e-6),
     "lift": (1e-4, 2e-4),
 }
-# The usual levels are the first of each factor: those of the demo folded_tube, with two panels.
+# The usual levels are the first of each factor: those of flat_rooted_tube, with two panels.
 
 # Factors that are varied at each length; of the others all runs have the usual level.
 FACTORS = {LENGTH: tuple(CONTROL), 0.8: ("start", "thickness", "bore")}

@@ -1,7 +1,7 @@
 """Choking of folded tubes: how much the folds hold gas back, and what decides it.
 
-The tube of the demo `folded_tube` (0.25 m, three compartments, two folds) is filled from its tank;
-one thing is changed at a time:
+The tube of demos/common/flat_rooted_tube.py (0.25 m, three compartments, two folds) is filled from
+its tank, its film damped with a loss factor of 0.01; one thing is changed at a time:
 
     sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the
                   usual one
@@ -10,6 +10,7 @@ one thing is changed at a time:
     roll          rolled up: bends with a radius instead of sharp folds
     film 12.5, film 50       thickness [µm]
     crease 0.02, crease 0.2  folds with memory [N m/m/rad], rest angle half of the fold
+    undamped      the film has no damping; its vibration holds the folds open
     no contact    layers pass through each other: what a computation without contact says
     long          0.8 m, five compartments, four folds
 
@@ -29,7 +30,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import first_time, run_figures
-from demos.inflatables.folded_tube import OPEN, build
+from demos.common.flat_rooted_tube import LOSS_FACTOR, OPEN, build
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.cases.results import Result
 
@@ -38,7 +39,7 @@ UNTIL = 12e-3
 DIAMETER = 0.03
 # Times [s] at which ratios of pressures are compared.
 TIMES = (2e-3, 3e-3, 5e-3)
-# Arguments of `demos.inflatables.folded_tube.build` for each case.
+# Arguments of `demos.common.flat_rooted_tube.build` for each case.
 CASES: dict[str, dict[str, Any]] = {
     "sharp": {},
     "lift 0.3": {"lift": 3e-4},
@@ -48,6 +49,7 @@ CASES: dict[str, dict[str, Any]] = {
     "film 50": {"thickness": 50e-6},
     "crease 0.02": {"crease": 0.02},
     "crease 0.2": {"crease": 0.2},
+    "undamped": {"loss_factor": 0.0},
     "no contact": {"contact": 0.0},
     # A longer tube needs more gas and more time.
     "long": {"length": 0.8, "panels": 5, "tank": 3.2e-6, "until": 20e-3},
@@ -56,7 +58,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
     """Fill one tube, and measure how its folds open and what pressures they hold back."""
-    case = build(comm, **{"until": UNTIL, **CASES[tube]})
+    case = build(comm, **{"until": UNTIL, "loss_factor": LOSS_FACTOR, **CASES[tube]})
     series = gx.Series(case.probes)
     run = case.simulation([series])
     run.run(until=case.until)

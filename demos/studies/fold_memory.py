@@ -18,11 +18,12 @@ The measure of the memory is the energy of all folds over that which drives the 
 
 with the kinetic energy at the start (disc), or pressure times volume of the tank (tube), as H.
 
-A case is a sail, "disc" or "tube", with arguments of the demo `spin_deployment` or
-the demo `folded_tube`; without arguments it has no creases.  The disc is open when the mean radius
-of its tips is `spin_deployment.OPEN` of that of the flat disc, the tube when its tip is
-`folded_tube.ARRIVED` of its length from the clamp.  "Halfway" is the time at which the tip is
-`folded_tube.HALFWAY` of the length from the clamp.  Against the case without creases the memory
+A case is a sail, "disc" or "tube", with arguments of the demo `spin_deployment` or the scene
+demos/common/flat_rooted_tube.py; without arguments it has no creases, and its film has a loss
+factor of 0.01.  The disc is open when the mean radius of its tips is `spin_deployment.OPEN` of that
+of the flat disc, the tube when its tip is `flat_rooted_tube.ARRIVED` of its length from the clamp.
+"Halfway" is the time at which the tip is `flat_rooted_tube.HALFWAY` of the length from the clamp.
+Against the case without creases the memory
 
     prevents        if the sail is not open at the end,
     hinders         if it is open later by more than `VISIBLE`,
@@ -41,7 +42,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from demos.inflatables import folded_tube
+from demos.common import flat_rooted_tube
 from demos.sails import spin_deployment
 from demos.studies.engine.deployments import LEDGER, NUDGE, arguments
 from demos.studies.engine.study import Study
@@ -99,8 +100,10 @@ SLOW_DISC = [
 # snap in steps of microseconds: a larger Π is that of less pressure.
 TUBE_CASES = [
     "tube",
+    "tube loss_factor=0",
     "tube crease=0.2 set_angle_ratio=1 yield_angle=0.35",
     f"tube pressure={LOW:g}",
+    f"tube pressure={LOW:g} loss_factor=0",
     f"tube pressure={LOW:g} crease=0.02 set_angle_ratio=0",
     f"tube pressure={LOW:g} crease=0.02 set_angle_ratio=1",
     f"tube pressure={LOW:g} crease=0.2 set_angle_ratio=0",
@@ -160,8 +163,9 @@ def deploy(comm: MPI.Comm, sail: str, until: float, **given: float) -> dict[str,
         opened = found["opened"]
         size = found["largest_radius"] / 0.5
     else:
-        found = folded_tube.main(
-            until=until, comm=comm, lift=factor * LIFT, **TUBE, **({"pressure": FULL} | given)
+        usual = {"pressure": FULL, "loss_factor": flat_rooted_tube.LOSS_FACTOR}
+        found = flat_rooted_tube.main(
+            until=until, comm=comm, lift=factor * LIFT, **TUBE, **(usual | given)
         )
         driving = given.get("pressure", FULL) * TUBE["tank"]
         opened = found["arrived"]

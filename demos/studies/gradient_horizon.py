@@ -14,8 +14,8 @@ The maximum is there since a result may pass through a time at which its derivat
     damped tube     enclosed volume             pressure of the tank
     disc            mean radius of the tips     spin at the start
 
-They are the scenes of the demo `folded_tube`, without and with viscosity of the film, and of
-the demo `spin_deployment`, which has some.  They have what a gradient needs: a contact of given
+They are the scenes of demos/common/flat_rooted_tube.py, without and with viscosity of the film, and
+of the demo `spin_deployment`, which has some.  They have what a gradient needs: a contact of given
 stiffness, steps of equal length, and a valve that is open at the start.  The steps are so short
 that none is rejected: a step that is solved in two halves in one of two runs parts them by itself.
 
@@ -36,7 +36,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.inflatables import folded_tube
+from demos.common import flat_rooted_tube
 from demos.sails import spin_deployment
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.cases.results import Result
@@ -111,7 +111,7 @@ class MeanRadius:
 
 def tube(comm: MPI.Comm, change: float, until: float, h: float, damping: float = 0.0) -> Deployment:
     """The folded tube with the pressure of its tank changed by a relative change."""
-    case = folded_tube.build(
+    case = flat_rooted_tube.build(
         comm,
         pressure=TUBE_PRESSURE * (1 + change),
         rise=0.0,

@@ -1,8 +1,9 @@
 """How manufacturing errors change the bending stiffness of a deployed tube.
 
-The tube of the demo `folded_tube` with three panels, round and straight under 8 kPa, is bent by a
-small force at its tip (demos/common/tube_bending.py).  Specimens have errors of one kind, or of all
-kinds, with the standard deviations `folded_tube.SCATTER`.  The closed form of a specimen is
+The tube of demos/common/flat_rooted_tube.py with three panels, round and straight under 8 kPa, is
+bent by a small force at its tip (demos/common/tube_bending.py).  Specimens have errors of one kind,
+or of all kinds, with the standard deviations `flat_rooted_tube.SCATTER`.  The closed form of a
+specimen is
 
     EI = E t π r³,
 
@@ -23,9 +24,9 @@ from collections.abc import Mapping
 import numpy as np
 from mpi4py import MPI
 
+from demos.common.flat_rooted_tube import SCATTER
 from demos.common.manufacturing import Scatter, draw_specimen
 from demos.common.tube_bending import bent_tube, straight_stiffness
-from demos.inflatables.folded_tube import SCATTER
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.presets.films import KAPTON_HN
 

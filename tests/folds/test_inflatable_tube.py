@@ -144,9 +144,9 @@ def test_what_cannot_be_is_refused(comm, options, words: str) -> None:
 def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
     """The tube begins to open by what was left in it, against the air; the work of gravity and air
     is in the ledger."""
-    from demos.inflatables import folded_tube
+    from demos.common import flat_rooted_tube
 
-    case = folded_tube.build(comm, gravity=9.81, air=1e3, residual=200.0)
+    case = flat_rooted_tube.build(comm, gravity=9.81, air=1e3, residual=200.0)
     run = case.simulation([])
     volumes = [sum(run.chamber(f"tube {k}").volume for k in (1, 2, 3))]
     run.run(until=4e-4 if comm.size == 1 else 1e-4)
@@ -158,13 +158,13 @@ def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
 
 @pytest.mark.slow
 def test_the_demo(tmp_path) -> None:
-    from demos.inflatables import folded_tube
+    from demos.common import flat_rooted_tube
 
-    found = folded_tube.main(tmp_path, until=4e-3)
+    found = flat_rooted_tube.main(tmp_path, until=4e-3)
     assert found["energy_error"] < 1e-8 and found["mass_error"] < 1e-12
     assert found["penetrations"] == 0
     assert np.isfinite(found["pressure_3"]) and found["pressure_1"] > found["pressure_3"]
-    assert (tmp_path / "folded_tube.png").read_bytes()[1:4] == b"PNG"
+    assert (tmp_path / "flat_rooted_tube.png").read_bytes()[1:4] == b"PNG"
 
 
 @pytest.mark.slow
@@ -172,9 +172,9 @@ def test_the_demo(tmp_path) -> None:
 def test_a_deployment_to_its_end_on_any_ranks(comm) -> None:
     """Rings open, and pressures even out, as on one rank; round-off grows, so times agree to a part
     of the steps."""
-    from demos.inflatables import folded_tube
+    from demos.common import flat_rooted_tube
 
-    found = folded_tube.main(comm=comm)
+    found = flat_rooted_tube.main(comm=comm)
     print({name: float(f"{value:.6g}") for name, value in found.items()})
     assert (
         # Balances after a whole deployment with contact.

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.common import flat_rooted_tube
 from demos.common.manufacturing import (
     LARGEST,
     Scatter,
@@ -19,7 +20,6 @@ from demos.common.manufacturing import (
     stations,
 )
 from demos.common.tube_bending import bent_tube, straight_stiffness
-from demos.inflatables import folded_tube
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 
@@ -95,8 +95,8 @@ def test_a_seed_is_one_specimen_and_the_seed_zero_is_as_drawn(comm) -> None:
 
 
 def test_a_specimen_with_errors_begins_to_deploy_and_conserves_energy(comm) -> None:
-    case = folded_tube.build(comm, seed=3, crease=0.02, yield_angle=0.3)
-    specimen = draw_specimen(3, 3, folded_tube.SCATTER)
+    case = flat_rooted_tube.build(comm, seed=3, crease=0.02, yield_angle=0.3)
+    specimen = draw_specimen(3, 3, flat_rooted_tube.SCATTER)
     film = next(item for item in case.scene.items if isinstance(item, gx.Membrane))
     assert (
         film.space.mesh.geometry.x[:, 1].max() <= specimen.diameter_ratio * math.pi * 0.0075 + 1e-9

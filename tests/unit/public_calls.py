@@ -557,7 +557,15 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     # Files are exported by one process; here each rank has a folder.
     add("plot.export", run=reader, folder=folder / f"vtu {WORLD.rank}")
     add("plot.RunReader", folder=inputs.run)
-    add("plot.animate", run=reader, field="state", path=folder / "a.gif", seconds=0.1)
+    add(
+        "plot.animate",
+        run=reader,
+        field="state",
+        path=folder / "a.gif",
+        seconds=0.1,
+        until=1.0,
+        pixels=400,
+    )
     add("plot.curves", run=reader, path=folder / "a.png")
     add("plot.field", run=reader, field="state", times=(0.0,), path=folder / "a.png")
     add("plot.strip", run=reader, field="state", path=folder / "a.png")

@@ -161,6 +161,11 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     gx.plot.animate(run, "state", path=tmp_path / "run.gif", seconds=1.0)
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames == 6 and image.info["duration"] == pytest.approx(1000 / 6, abs=10)
+        wide = image.size
+    gx.plot.animate(run, "state", path=tmp_path / "run.gif", seconds=1.0, until=5 * DT, pixels=480)
+    with Image.open(tmp_path / "run.gif") as image:
+        # Records every second step until half of the run.
+        assert image.n_frames == 3 and image.size[0] < 0.9 * wide[0]
     with pytest.raises(gx.InputError, match=r"end its name in \.gif\.$"):
         gx.plot.animate(run, "state", path=tmp_path / "run.mp4")
 
@@ -269,6 +274,7 @@ def test_scales_show_what_matters() -> None:
         (lambda run: gx.plot.field(run, "state", times=[1.0], path="x.png"), "t = 1 s"),
         (lambda run: gx.plot.animate(run, "state", path="x.avi"), ".gif"),
         (lambda run: gx.plot.animate(run, "state", path="x.gif", seconds=0.0), "0.0 s"),
+        (lambda run: gx.plot.animate(run, "state", path="x.gif", until=-1.0), "give a later time"),
         (lambda run: gx.plot.RunReader("nowhere"), "nowhere"),
     ],
 )

@@ -119,6 +119,11 @@ class TubeZigzag(Folding):
         return TubeLattice(self.length, self.diameter, self.cells, self.panels, self.stub)
 
     @property
+    def sides(self) -> int:
+        """Sides of the polygon that is the section of the tube."""
+        return self._lattice.around
+
+    @property
     def stretch(self) -> float:
         """Largest tensile strain of the film at the start."""
         return self._relaxed.stretch

@@ -49,8 +49,10 @@ _SAME_SCALE = 1.05
 # Enough for a smooth motion; more frames make the file larger.
 _FRAMES_PER_SECOND = 20
 
-# Pixels of the width of an animation of a wide scene; of a tall one it is less.
+# Pixels of the width of an animation of a wide scene, and their range; of a tall one it is less.
 _ANIMATION_PIXELS = 960
+_MIN_ANIMATION_PIXELS = 320
+_MAX_ANIMATION_PIXELS = 1920
 
 # Most pixels per inch of an animation: more make letters and files large.
 _MAX_ANIMATION_DPI = 120
@@ -323,23 +325,27 @@ def animate(
     *,
     path: str | Path,
     seconds: Annotated[float, Range(0.0, MAX_SECONDS, "s", above=True)] = 6.0,
+    until: float | None = None,
+    pixels: Annotated[int, Range(_MIN_ANIMATION_PIXELS, _MAX_ANIMATION_PIXELS)] = _ANIMATION_PIXELS,
     view: View | None = None,
     limits: Limits = NO_LIMITS,
 ) -> None:
-    """Write a GIF of a field over the run.
+    """Write a GIF of a field over the run, or its beginning.
 
     Args:
         run: a recorded run.
         field: name of a recorded field, e.g. "state".
         path: of the file, ending in `.gif`; `ffmpeg -i a.gif a.mp4` makes a film of it.
         seconds: length of the animation [s].
+        until: time of the run [s] at which it ends; default: the end of the run.
+        pixels: width of a wide scene; a tall one has less.  The file grows with its square.
         view: camera; `follow` keeps the scene in the middle, `zoom` has no effect.
             Default: a camera that stands still and sees the whole run.
         limits: of the colours of numbers.
 
     Raises:
-        InputError: a path with another ending, a length that is not positive, an unknown field, or
-            files of the run that cannot be read.
+        InputError: a path with another ending, a length that is not positive, a time before the
+            run, an unknown field, or files of the run that cannot be read.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -355,14 +361,21 @@ def animate(
     )
     run.require_fields()
     # No more frames than there are records, but the first and the last one in any case.
-    count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
-    times = np.linspace(run.times[0], run.times[-1], count)
+    first = float(run.times[0])
+    last = float(run.times[-1]) if until is None else min(until, float(run.times[-1]))
+    check(
+        last >= first,
+        f"The run begins at {first:g}, and the animation is to end at {until}; give a later time.",
+    )
+    shown = int(np.count_nonzero(np.asarray(run.times) <= last))
+    count = min(max(shown, 1), max(round(seconds * _FRAMES_PER_SECOND), 2))
+    times = np.linspace(first, last, count)
     records = sorted({run.record_at(time) for time in times})
     frames = np.array(records)
     colours = colouring(run, field, limits, records)
     view = replace(view or View(), zoom=False)
     camera = _camera_for_all(run, colours, view)
-    images = _images(run, colours, camera, frames, follow=bool(view.follow))
+    images = _images(run, colours, camera, frames, pixels, follow=bool(view.follow))
     _write_gif(path, images, seconds / len(frames))
 
 
@@ -385,6 +398,7 @@ def _images(
     colours: Colouring,
     camera: Camera,
     frames: Integers,
+    pixels: int,
     follow: bool,
 ) -> Iterator[Image]:
     """Yield the frames of an animation: the page is laid out once, then pictures and times are put
@@ -392,6 +406,7 @@ def _images(
 
     Args:
         frames: numbers of recorded states.
+        pixels: width of a wide scene.
         follow: whether the camera moves with the shapes.
 
     Yields:
@@ -409,7 +424,7 @@ def _images(
     views = Views(captions=[" "], size=camera.size, draw=blank, colours=colours)
     # The page is as wide as its picture: a tall scene would leave most of a wide one empty.
     width = min(max(_ANIMATION_HEIGHT * camera.aspect, _MIN_ANIMATION_WIDTH), WIDTH)
-    dpi = min(round(_ANIMATION_PIXELS / width), _MAX_ANIMATION_DPI)
+    dpi = min(round(pixels / width), _MAX_ANIMATION_DPI)
     place = write_page(file, run.title, views, dpi=dpi, width=width)
     assert place is not None
     page = Image.open(file).convert("RGB")

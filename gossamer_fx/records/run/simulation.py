@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from gossamer_fx.records.outputs.run_file import FileLocks
     from gossamer_fx.records.run.checkpoint import Checkpoints
     from gossamer_fx.records.run.events import Event, EventMonitor
+    from gossamer_fx.records.run.undamped_films import UndampedFilms
     from gossamer_fx.solve.steppers.step_control import StepControl
 
 # Counters that a checkpoint contains, and a restart continues.
@@ -169,6 +170,7 @@ class Simulation:
         self.solver.newton.largest_energy = self.first.size
         self._monitor = self._monitor_of(events)
         self._sampled = [item for item in self.system.items if isinstance(item, Sampled)]
+        self._undamped: UndampedFilms | None = None
         # A restarted run has had its start: the events at the start, and the record of that state.
         self._started = restart is not None
         self.recorded = restart is not None  # whether the outputs have recorded the present state
@@ -405,6 +407,7 @@ class Simulation:
             # Closing is collective: a rank that fails alone must end the program before it.
             with abort_on_lone_error(self.comm):
                 self._start_and_go(until, signals)
+                self._warn_of_undamped_films()
         signal = signals.heard(self.comm)
         if signal:
             self._leave(signal)
@@ -457,6 +460,17 @@ class Simulation:
                 "the motion begins, or let the motion begin smoothly.",
                 name,
             )
+
+    def _warn_of_undamped_films(self) -> None:
+        """Warn of films that vibrate under the pressure of gas, undamped.  Collective."""
+        if not self.chambers:
+            return
+        # Imported here, as scenes without gas must not pay for it.
+        from gossamer_fx.records.run.undamped_films import UndampedFilms
+
+        if self._undamped is None:
+            self._undamped = UndampedFilms(self.system)
+        self._undamped.warn(self.first, self.totals)
 
     def _go(self, milestones: Sequence[float], signals: Listener) -> None:
         """Step to each milestone in turn, a time that must be met.  Collective.
