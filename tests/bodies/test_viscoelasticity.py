@@ -274,6 +274,31 @@ def test_a_branch_that_relaxes_within_a_step_is_a_viscosity(comm):
     assert lost[1] == pytest.approx(lost[0], rel=1e-3)
 
 
+@pytest.mark.parametrize("h", [1e-4, 8e-4])
+def test_steps_that_do_not_resolve_a_mode_damp_it_as_the_page_says(h):
+    """A mode of 80 kHz in steps of some cycles: in each step 4 β/h of its energy is lost by a
+    damping time β, and 1.1 η by a loss factor η that is flat to 1/h or beyond."""
+    law = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+    lost = []
+    for damping in (
+        lambda film: gx.Damping(film, stiffness_factor=1e-6),
+        lambda film: gx.loads.flat_damping(film, loss_factor=0.01, band=(1.0, 1e5)),
+    ):
+        strip = gx.Membrane(
+            sheet(MPI.COMM_SELF, 1, 1, 0.01, 0.01), law, velocity=lambda X: [[100.0], [0], [0]] * X
+        )
+        supports = [gx.Fixed(strip, "left"), gx.Fixed(strip, "film", components=(1, 2))]
+        scene = gx.Scene(strip, damping(strip), *supports)
+        run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=TIGHT))
+        before = run.totals.kinetic
+        steps = 300
+        run.run(until=steps * h)
+        left = run.totals.kinetic + sum(run.totals.stored.values())
+        lost.append(1 - (left / before) ** (1 / steps))
+    assert lost[0] == pytest.approx(4 * 1e-6 / h, rel=0.05)
+    assert lost[1] == pytest.approx(1.1 * 0.01, rel=0.1)
+
+
 @pytest.mark.parametrize("make", [wrinkling, tension_field, woven])
 def test_the_balance_closes_over_a_thousand_steps_of_a_film_that_flutters(comm, make):
     body = make(comm)
