@@ -236,6 +236,7 @@ NOT_NEGATIVE = {
     "orbit.Sunlight": "pressure",
     "orbit.ThermalProperties": "absorptivity",
     "plot.Watch": "port",
+    "plot.animate": "until",
     "probes.Waves": "number",
     "sections.rectangle": "nu",
     "sections.solid_circle": "nu",
