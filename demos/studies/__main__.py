@@ -94,7 +94,9 @@ def main(words: list[str] | None = None) -> int:
         file = stored_file(name, wanted.quick)
         if wanted.store:
             on_rank_zero(comm, partial(write_results, file, name, recorded))
-        stored = read_results(file, name)
+        # Results of a study that had other axes are not results of this one.
+        axes = {frozenset(case) for case in cases.cases}
+        stored = [one for one in read_results(file, name) if frozenset(one.values) in axes]
         judgements[name] = [
             *cases.judgements(results),
             *changes(recorded, stored, study.repeatability, study.compared_numbers),
