@@ -48,8 +48,8 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     Otherwise the other ranks would wait for messages of this rank for ever."""
     try:
         yield
-    # A function of the user may end the program, or be stopped by Ctrl-C, on one rank, too.
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
+    # A function of the user may end the program on one rank, too; Ctrl-C reaches all ranks.
+    except (Exception, SystemExit) as error:
         agree_on_error(comm, error)
         raise
 
