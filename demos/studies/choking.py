@@ -123,5 +123,6 @@ STUDY = Study(
         "opened2 [ms], penetrations, energy_error, rejected, steps, seconds"
     ),
     may_fail=True,
+    expected_warnings={"nothing damps it": "one film is undamped on purpose, for comparison"},
     draw=draw,
 )

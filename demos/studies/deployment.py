@@ -75,4 +75,5 @@ STUDY = Study(
         "mean speed [m/s], penetrations, energy_error, iterations, rejected, unknowns, seconds"
     ),
     may_fail=True,
+    expected_warnings={"nothing damps it": "one film is undamped on purpose, for comparison"},
 )
