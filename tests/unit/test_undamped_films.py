@@ -4,6 +4,7 @@ not."""
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import pytest
 
@@ -11,6 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.revolved import balloon
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
+from gossamer_fx.records.run.undamped_films import UndampedFilms
 from tests.small_scenes import run_of
 
 WORDS = "nothing damps it"
@@ -54,6 +56,14 @@ def test_a_film_that_vibrates_is_named_once_with_the_remedy(comm, caplog) -> Non
         [words] = found
         assert "'balloon'" in words and "gx.loads.flat_damping(film" in words
         assert not words.endswith("..")
+
+
+def test_the_energy_at_rest_is_estimated_to_a_factor_of_three(comm) -> None:
+    """Of a sphere it is a third of the estimate, (3 p V)²/(2 E t A)."""
+    run = sphere(comm, AT_REST)
+    nothing = replace(run.totals, stored={})
+    [ratio] = UndampedFilms(run.system)._ratios(nothing, run.totals).values()
+    assert ratio == pytest.approx((1 - KAPTON_HN.nu) / 2, rel=0.1)
 
 
 @pytest.mark.parametrize("damped", [False, True])
