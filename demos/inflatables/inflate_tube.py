@@ -25,7 +25,7 @@ Where the values come from:
                        mm presses it up; discharge coefficient 0.8
     residual 1e-6      ratio of compressive to tensile stiffness; no result depends on it visibly
 
-    ./gossamer demo inflate_tube        # 10254 unknowns, three minutes of CPU time
+    ./gossamer demo inflate_tube        # 10254 unknowns, two minutes of CPU time
     ./gossamer run demos/inflatables/inflate_tube.py cells=14 --output out/tube
     ./gossamer report out/tube
 """
