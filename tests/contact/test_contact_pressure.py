@@ -106,9 +106,7 @@ def test_the_gap_of_a_curved_film_is_none_that_it_does_not_have(comm) -> None:
     x = run.system.state[ball].function().x.array.reshape(-1, 3)
     cells = ball.space.dofmap.list
     element = basix.create_element(basix.ElementFamily.P, basix.CellType.triangle, 2)
-    lattice = basix.create_lattice(
-        basix.CellType.triangle, 12, basix.LatticeType.equispaced, True
-    )
+    lattice = basix.create_lattice(basix.CellType.triangle, 12, basix.LatticeType.equispaced, True)
     shape = element.tabulate(0, lattice)[0, :, :, 0]
     surface = np.einsum("qa,cai->cqi", shape, x[cells]) @ normal
     true_gap = comm.allreduce(float(surface.min(initial=np.inf)), op=MPI.MIN)
