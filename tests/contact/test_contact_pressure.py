@@ -11,9 +11,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sphere import sphere
+from gossamer_fx.records.fields.fields import FieldFunctions
 from tests.contact.scenes import FILM, SIGMA, film, simulate
 
 
