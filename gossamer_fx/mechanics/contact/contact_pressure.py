@@ -36,9 +36,9 @@ def pressed_nodes(body: MeshBody, contact_set: ContactSet) -> PressedNodes:
 
     The force on the nodes of a cell of order 2 is that of its shape functions: of a uniform
     pressure, vertices carry none and middle nodes all of it.  The hat function of a vertex is the
-    sum of the vertex's shape function and half of those of its middle nodes, so that forces and areas
-    of these are divided between the ends of their edges.  The pressure is then that of cells of
-    order 1, and linear along the edges.
+    sum of its shape function and half of those of the middle nodes beside it, so that forces and
+    areas of these are divided between the ends of their edges.  The pressure is then that of cells
+    of order 1, and linear along the edges.
     """
     of_body = nodes_of(body, contact_set)
     nodes = contact_set.mesh.nodes[of_body]
