@@ -36,7 +36,7 @@ def pressed_nodes(body: MeshBody, contact_set: ContactSet) -> PressedNodes:
 
     The force on the nodes of a cell of order 2 is that of its shape functions: of a uniform
     pressure, vertices carry none and middle nodes all of it.  The hat function of a vertex is the
-    sum of its shape function and half of those of the middle nodes beside it, so that forces and
+    sum of its shape function and half of those of the middle nodes next to it, so that forces and
     areas of these are divided between the ends of their edges.  The pressure is then that of cells
     of order 1, and linear along the edges.
     """
