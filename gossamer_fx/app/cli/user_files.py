@@ -54,7 +54,8 @@ def value_of(text: str) -> Any:
         return text.lower() == "true"
     try:
         return ast.literal_eval(text)
-    except (ValueError, SyntaxError):
+    # What cannot be a key of a dictionary is a TypeError; a text may be nested without end.
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         return text
 
 

@@ -33,7 +33,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.checks.ending import end_with_parent
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.strange_files import open_file
 from gossamer_fx.core.mesh.quality import NO_SIZE, cell_quality
 
 Integers = npt.NDArray[np.int64]
@@ -438,12 +439,14 @@ def _check_format(path: Path) -> None:
     """Raise `BadMesh` unless a file can be opened and begins as one in MSH format 2.2 or 4.x
     does."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             head = file.read(_HEAD)
     except OSError as error:
         raise BadMesh(
             f"'{path}' cannot be read ({error.strerror}); give a mesh file that is readable."
         ) from error
+    except InputError as error:
+        raise BadMesh(str(error)) from error
     _check(
         _MSH.match(head) is not None,
         f"'{path}' is not in MSH format 2.2 or 4.x; "
