@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_STEP_ID")
 
 
+# Digits of a whole number on the command line.
+_MAX_DIGITS = 18
+
+
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence."""
 
@@ -367,7 +371,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _positive(word: str) -> int:
     """A positive whole number from a word of the command line."""
-    if not word.isdecimal() or int(word) < 1:
+    if not word.isdecimal() or len(word) > _MAX_DIGITS or int(word) < 1:
         raise argparse.ArgumentTypeError(f"'{word}' is not a positive number")
     return int(word)
 
@@ -411,7 +415,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     elif wanted.restart:
         restart = (
             saves / f"step-{int(wanted.restart):08d}"
-            if wanted.restart.isdecimal()
+            if wanted.restart.isdecimal() and len(wanted.restart) <= _MAX_DIGITS
             else Path(wanted.restart)
         )
     changes = [name for name in wanted.changed.split(",") if name]

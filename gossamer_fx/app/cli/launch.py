@@ -310,7 +310,7 @@ def main(words: Sequence[str]) -> int:
     Returns:
         Exit code of the program; 2, with a message, if the words have another form.
     """
-    complete = len(words) >= 2
+    complete = len(words) >= 2 and len(words[0]) < 10
     if not complete or not words[0].isdecimal() or int(words[0]) < 1:
         print(
             "gossamer: mpi needs a number of ranks, then a script: ./gossamer mpi 2 script.py; "

@@ -63,6 +63,9 @@ _HEAD = 200
 _MSH = re.compile(rb"\$MeshFormat[ \t]*\r?\n[ \t]*(2\.2|4|4\.[0-9])[ \t]+[01][ \t]+8[ \t]*\r?\n")
 
 
+# What gmsh says of an STL file.
+_DROPPED = re.compile(r"(\d+) duplicate/(\d+) degenerate triangles")
+
 # Most cells of a mesh that is made here: more than the solver takes on any machine of today.
 MAX_CELLS = 20_000_000
 
@@ -85,6 +88,7 @@ class RawMesh:
         cells: rows of `points` (m, nodes) at the nodes of each cell.
         groups: for each named group its dimension, and rows of `points` (k, nodes) at the nodes of
             its entities.
+        dropped: number of triangles that gmsh has left out of files that it was given.
     """
 
     kind: str
@@ -92,6 +96,20 @@ class RawMesh:
     points: npt.NDArray[np.float64]
     cells: Integers
     groups: dict[str, tuple[int, Integers]]
+    dropped: int = 0
+
+
+def dropped_triangles() -> int:
+    """Number of triangles of STL files that gmsh has left out since its logger was started, as they
+    were there twice or had no area."""
+    import gmsh
+
+    count = 0
+    for line in gmsh.logger.get():
+        found = _DROPPED.search(line)
+        if found is not None:
+            count += int(found[1]) + int(found[2])
+    return count
 
 
 def extract(model: Any) -> RawMesh:
