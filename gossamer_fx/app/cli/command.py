@@ -113,7 +113,7 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
         return 1
 
     from gossamer_fx.app.cli.user_files import end_program
-    from gossamer_fx.core.checks.ending import abort_on_lone_error
+    from gossamer_fx.core.checks.ending import abort_on_lone_error, raise_ctrl_c
     from gossamer_fx.core.checks.errors import (
         InputError,
         NoEquilibrium,
@@ -125,7 +125,10 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
     comm = MPI.COMM_WORLD
     if comm.size > 1:
         # The launcher hands Ctrl-C on as this signal.
-        signal.signal(signal.SIGUSR2, signal.default_int_handler)
+        signal.signal(signal.SIGUSR2, raise_ctrl_c)
+    # A shell lets what it starts in the background ignore Ctrl-C.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, raise_ctrl_c)
     if _ranks_are_alone(comm):
         return 1
     try:

@@ -37,6 +37,8 @@ REPETITIONS = (
     b"MPI_ABORT was invoked on rank",
     b'prterun has exited due to process rank N with PID N on node N calling "abort"',
 )
+# How lines begin by which a rank explains why it ends.
+EXPLANATIONS = (b"gossamer: ", b"Traceback (most recent call last)")
 # Messages of one line, which are written in one piece:
 # 1. of MPICH about MPI_Abort; it writes nothing about a code that is not zero;
 # 2. of PMIx, which starts Open MPI's ranks, where a rank that has ended cannot be told that others
@@ -61,6 +63,9 @@ class MessageFilter:
 
     Args:
         write: takes the bytes that are passed on.
+
+    Attributes:
+        is_explained: whether a rank has written an error.
     """
 
     def __init__(self, write: Callable[[bytes], object]) -> None:
@@ -69,6 +74,8 @@ class MessageFilter:
         self._removed = b""
         self._anything_passed = False
         self._after_message = False
+        self.is_explained = False
+        self._last_line = b""
 
     def feed(self, data: bytes) -> None:
         """Take more output; what cannot be part of a message is passed on at once."""
@@ -135,6 +142,9 @@ class MessageFilter:
         if data:
             self._write(data)
         self._anything_passed |= bool(data.strip())
+        self._last_line = (self._last_line + data)[-max(len(data), FIRST) - FIRST :]
+        if any(beginning in self._last_line for beginning in EXPLANATIONS):
+            self.is_explained = True
 
 
 def _may_repeat(body: bytes) -> bool:
@@ -151,19 +161,19 @@ def _repeats(body: bytes) -> bool:
     return words.startswith(REPETITIONS)
 
 
-def copy_without_repetitions(source: BinaryIO, target: BinaryIO) -> None:
+def write_to_stderr(data: bytes) -> None:
+    """Write bytes to standard error at once."""
+    sys.stderr.buffer.write(data)
+    sys.stderr.buffer.flush()
+
+
+def copy_without_repetitions(source: BinaryIO, messages: MessageFilter) -> None:
     """Copy the output of mpirun until its end, as it comes, without messages that repeat an error.
 
     Args:
         source: binary stream that is read, e.g. the standard error of mpirun.
-        target: binary stream that is written, and flushed each time.
+        messages: what passes on the output.
     """
-
-    def write(data: bytes) -> None:
-        target.write(data)
-        target.flush()
-
-    messages = MessageFilter(write)
     while data := source.read1():  # type: ignore[attr-defined]
         messages.feed(data)
     messages.close()
@@ -254,11 +264,20 @@ def launch(ranks: int, program: Sequence[str]) -> int:
 
     for number in _HANDED_ON:
         signal.signal(number, hand_on)
-    streams = (cast(BinaryIO, run.stderr), sys.stderr.buffer)
-    words = Thread(target=copy_without_repetitions, args=streams, daemon=True)
+    messages = MessageFilter(write_to_stderr)
+    copied = (cast(BinaryIO, run.stderr), messages)
+    words = Thread(target=copy_without_repetitions, args=copied, daemon=True)
     words.start()
     code = run.wait()
     words.join(_LAST_WORDS)
+    if code and not heard and not messages.is_explained:
+        print(
+            f"gossamer: a rank has ended by itself, with the code {code}, and the others with it; "
+            "look for os._exit, or for a library that breaks off, in what it called, and go on "
+            "from the last checkpoint, if there is one, with --restart.",
+            file=sys.stderr,
+            flush=True,
+        )
     if code < 0:
         return 128 - code
     if heard and code:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 # Seconds for which a rank with an error waits for the others.
-PATIENCE = 10.0
+PATIENCE = 8.0
 
 # Tag of the messages about errors, which no other part of the program uses.
 TAG = 28531
@@ -41,6 +41,16 @@ _PR_SET_PDEATHSIG = 1
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
 
+class CtrlC(KeyboardInterrupt):
+    """Ctrl-C, as a signal that all ranks get; a function of the user that raises KeyboardInterrupt
+    does so on its own rank."""
+
+
+def raise_ctrl_c(number: int, frame: FrameType | None) -> None:
+    """Handler of the signals by which Ctrl-C comes."""
+    raise CtrlC
+
+
 @contextmanager
 def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     """Context, entered by all ranks, in which an error of one rank ends the program with the exit
@@ -48,8 +58,11 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     Otherwise the other ranks would wait for messages of this rank for ever."""
     try:
         yield
-    # A function of the user may end the program on one rank, too; Ctrl-C reaches all ranks.
-    except (Exception, SystemExit) as error:
+    # Ctrl-C reaches all ranks; the command says that it has ended them.
+    except CtrlC:
+        raise
+    # A function of the user may raise anything on one rank, also what ends a program.
+    except BaseException as error:
         agree_on_error(comm, error)
         raise
 
@@ -73,11 +86,15 @@ def agree_on_error(comm: MPI.Intracomm, error: BaseException) -> None:
                 kinds.add(str(kind))
                 del awaited[r]
         if time.monotonic() > deadline or len(kinds) > 1:
-            words = "the ranks failed in different ways"
+            words = "the ranks failed in different ways, this one"
             if len(kinds) == 1:
                 words = f"rank {comm.rank} failed alone"
             traceback.print_exception(error)
-            sys.stderr.write(f"gossamer: {words}; its error is above, and the run ends.\n")
+            cause = " ".join(str(error).split()) or "no words"
+            sys.stderr.write(
+                f"gossamer: {words} by {type(error).__name__} ({cause}) in the lines above; correct "
+                "them, and go on from the last checkpoint, if there is one, with --restart.\n"
+            )
             sys.stderr.flush()
             comm.Abort(1)
         # Poll, since a blocking wait could not end after `PATIENCE`.
@@ -120,7 +137,7 @@ def watch_uncaught_errors() -> None:
         sys.stderr.flush()
         from mpi4py import MPI
 
-        if isinstance(error, Exception) and MPI.Is_initialized() and not MPI.Is_finalized():
+        if not isinstance(error, CtrlC) and MPI.Is_initialized() and not MPI.Is_finalized():
             agree_on_error(MPI.COMM_WORLD, error)
 
     sys.excepthook = uncaught

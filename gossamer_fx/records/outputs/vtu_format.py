@@ -28,7 +28,12 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.checks.errors import InputError, are_usual_sizes, check
-from gossamer_fx.core.checks.strange_files import check_expansion, open_file, open_to_write, write_new
+from gossamer_fx.core.checks.strange_files import (
+    check_expansion,
+    open_file,
+    open_to_write,
+    write_new,
+)
 from gossamer_fx.core.mesh.linear_pieces import from_vtk, to_vtk
 from gossamer_fx.core.model.body import Array
 
