@@ -92,8 +92,8 @@ def agree_on_error(comm: MPI.Intracomm, error: BaseException) -> None:
             traceback.print_exception(error)
             cause = " ".join(str(error).split()) or "no words"
             sys.stderr.write(
-                f"gossamer: {words} by {type(error).__name__} ({cause}) in the lines above; correct "
-                "them, and go on from the last checkpoint, if there is one, with --restart.\n"
+                f"gossamer: {words} by {type(error).__name__} ({cause}) in the lines above; "
+                "correct them, and go on from a checkpoint, if there is one, with --restart.\n"
             )
             sys.stderr.flush()
             comm.Abort(1)

@@ -14,8 +14,9 @@ import errno
 import json
 import os
 import stat
+from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from gossamer_fx.core.checks.errors import InputError, check
 
@@ -42,14 +43,15 @@ _KINDS = {
 }
 
 
-def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
+def open_file(path: Path, folder: Path | None = None) -> BufferedReader:
     """Open a file to read its bytes.
 
     Args:
         folder: in which the file must be, also behind links; None for a file that the user names.
 
     Raises:
-        InputError: it is no regular file, a link leads out of the folder, or most of it is a hole.
+        InputError: it is not a regular file, a link leads out of the folder, or most of it
+            is a hole.
         OSError: there is no such file, or it is not readable.
     """
     real = Path(os.path.realpath(path))
@@ -57,7 +59,7 @@ def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
         check_inside(path, folder)
     # Before it is opened: to open a device may have an effect.
     _check_regular(path, os.stat(real).st_mode)
-    # Without waiting for the other end of a FIFO that has just come into its place.
+    # Without waiting for the other end of a FIFO that has just replaced it.
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
     file = os.fdopen(os.open(real, flags), "rb")
     try:
@@ -93,7 +95,7 @@ def read_json(path: Path, folder: Path | None = None) -> Any:
         return json.loads(file.read().decode("utf-8"))
 
 
-def open_to_write(path: Path, mode: str) -> BinaryIO:
+def open_to_write(path: Path, mode: str) -> FileIO:
     """Open a file to write bytes, which is not a link.
 
     Args:
@@ -115,7 +117,7 @@ def open_to_write(path: Path, mode: str) -> BinaryIO:
             raise OSError(errno.EINVAL, f"it is {_kind(mode_of_file)}; remove it", name)
         return descriptor
 
-    return open(path, mode, buffering=0, opener=opened)  # type: ignore[return-value]
+    return FileIO(path, mode, opener=opened)
 
 
 def write_new(path: Path, content: bytes) -> None:

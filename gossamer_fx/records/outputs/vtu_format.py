@@ -161,7 +161,7 @@ def write_vtu(path: Path, grid: Grid, cells: Sequence[DataArray] = ()) -> None:
         lines.append(f"</{section}>")
         blocks += members
     lines += ["</Piece>", "</UnstructuredGrid>", ""]
-    with BufferedWriter(open_to_write(path, "wb")) as file:  # type: ignore[type-var]
+    with BufferedWriter(open_to_write(path, "wb")) as file:
         file.write("\n".join(lines).encode() + _HEAD_END)
         for block in blocks:
             file.write(block.content)

@@ -207,8 +207,9 @@ class RunReader:
         # A run writes the head with the first row.
         if not len(values):
             return {}
-        table = dict(zip(head, values.T, strict=True))
-        for column, numbers in table.items():
+        table: Tables = dict(zip(head, values.T, strict=True))
+        for column in table:
+            numbers: Array = table[column]
             # Some results may be unknown at a time, e.g. the tension of a line.
             if not _needs_all_numbers(name, column) and column != self.axis.column:
                 numbers = np.where(np.isnan(numbers), 0.0, numbers)
