@@ -98,8 +98,8 @@ def equilibria(
     undisturbed start first and then by their stored energy.
 
     The scene has the state of the first one then.  Nothing says that these are all.  Searches that
-    find nothing are left out, and a warning has their number; a scene with friction or creases that yield has the history of the
-    start in each of them.
+    find nothing are left out, and a warning has their number; a scene with friction or creases
+    that yield has the history of the start in each of them.
 
     Args:
         equilibrium: its present state is the undisturbed start.
