@@ -5,6 +5,9 @@ command that makes its figures, and the day and commit of the program that made 
 the tables between `<!-- evidence NAME -->` and `<!-- /evidence -->` are made again from the
 records; without, the pages that differ are named, and the code is 1.  A figure is changed in the
 record, together with its commit and date.
+
+What a study of `demos.studies.engine.spreads` says of its quantities stands between `<!-- spread
+STUDY -->` and `<!-- /spread -->`; it is made from the stored results of the study.
 """
 
 from __future__ import annotations
@@ -17,6 +20,13 @@ from dataclasses import dataclass
 
 from packages import ROOT
 
+sys.path[:0] = [str(ROOT)]
+
+from demos.studies.__main__ import stored_file  # noqa: E402
+from demos.studies.engine.named import study_of  # noqa: E402
+from demos.studies.engine.spreads import SpreadStudy  # noqa: E402
+from gossamer_fx.analysis.cases.results import read_results  # noqa: E402
+
 FOLDER = ROOT / "docs" / "evidence"
 # Pages whose tables are evidence, by the name of their file of records.
 PAGES = {
@@ -26,6 +36,7 @@ PAGES = {
         for name in ("benchmark", "findings", "measured", "performance", "sources", "verification")
     },
 }
+_SPREAD = re.compile(r"<!-- spread (\w+) -->\n(.*?)<!-- /spread -->", re.DOTALL)
 _BETWEEN = re.compile(r"<!-- evidence (\w+) -->\n(.*?)<!-- /evidence -->", re.DOTALL)
 
 
@@ -91,12 +102,24 @@ def made(page: str) -> str:
     """
     records = tables(page)
     text = PAGES[page].read_text(encoding="utf-8")
+    text = _SPREAD.sub(
+        lambda found: f"<!-- spread {found[1]} -->\n\n{spread_table(found[1])}\n<!-- /spread -->",
+        text,
+    )
     return _BETWEEN.sub(
         lambda found: (
             f"<!-- evidence {found[1]} -->\n\n{records[found[1]].text()}\n<!-- /evidence -->"
         ),
         text,
     )
+
+
+def spread_table(name: str) -> str:
+    """The table of a study of spreads, from its stored results, with a line on what was varied."""
+    study = study_of(name)
+    if not isinstance(study, SpreadStudy):
+        raise SystemExit(f"{name} is not a study of spreads; give one that is.")
+    return study.spread(read_results(stored_file(name, quick=False), name)).table()
 
 
 def main(words: Sequence[str]) -> int:

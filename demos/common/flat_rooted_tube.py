@@ -117,6 +117,7 @@ def build(
     loss_factor: float = 0.0,
     contact: float = 5e-4,
     contact_stiffness: float | None = None,
+    residual_stiffness: float = 1e-6,
     gravity: float = 0.0,
     air: float = 0.0,
     drag: float = 1.2,
@@ -144,6 +145,7 @@ def build(
         loss_factor: of the film, the same over the `BAND` of frequencies; 0: none.
         contact: activation distance [m]; 0: no contact.
         contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
+        residual_stiffness: of the film, compressive over tensile.
         gravity: downwards, along -z [m/s²].
         air: pressure outside [Pa]; 0: vacuum.
         drag: drag coefficient in that air, at 293 K; 0: none.
@@ -180,7 +182,7 @@ def build(
     outside = gx.gas.Ambient(air) if air else None
     tube = InflatableTube(
         mesh,
-        KAPTON_HN.law(thickness, residual_stiffness=1e-6),
+        KAPTON_HN.law(thickness, residual_stiffness=residual_stiffness),
         properties=thickness_of(specimen, thickness),
         gas=NITROGEN,
         pressure=residual + air,

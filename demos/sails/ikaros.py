@@ -25,7 +25,8 @@ Where the values come from:
     reinforcing tapes    cables on the film, as in Miyazaki, KAKENHI 19360384 final report (2009),
                          fig. 7; their stiffness was not published: 25 µm × 10 mm of polyimide have
                          750 N
-    damping              chosen: the flight's is not known
+    damping              chosen: the flight's is not known; what depends on it,
+                         `./gossamer study stage_2` says
 
     ./gossamer demo ikaros
     ./gossamer run demos/sails/ikaros.py until=8.0 --output out/ikaros
@@ -82,6 +83,7 @@ TETHER = 1e4  # stiffness of a tether [N/m]
 MAX_ITERATIONS = 25
 # Mass of a reinforcing tape per length: 25 µm × 10 mm of polyimide [kg/m].
 TAPE_LINE_DENSITY = 3.6e-4
+BAND = (0.1, 1e4)  # frequencies within which a loss factor of the film is constant [Hz]
 # The sail counts as open when the middles of its edges are at this radius.
 OUT = 6.0  # m
 ARM_END = 7.4  # spin in the cross [rpm]
@@ -123,6 +125,8 @@ def build(
     gap: float = 2e-3,
     damping: float = 1e-4,
     tension_only: bool = False,
+    loss_factor: float = 0.0,
+    residual_stiffness: float = 1e-6,
     tether_damping: float = 0.0,
     friction: float = 0.0,
     crease: float = 0.0,
@@ -146,6 +150,8 @@ def build(
         gap: between the layers [m].
         damping: viscosity of the film over its stiffness [s]; with `tension_only` none where it is
             slack.
+        loss_factor: of the film, the same over the `BAND` of frequencies; 0: none.
+        residual_stiffness: of the film, compressive over tensile.
         tether_damping: damping of a tether [N s/m].
         friction: coefficient of the film on itself and the hub.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
@@ -159,7 +165,7 @@ def build(
     folds = gx.fold.Ikaros(
         n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch
     )
-    film = sail(comm, pitch, folds.mark, refine=refine)
+    film = sail(comm, pitch, folds.mark, refine=refine, residual_stiffness=residual_stiffness)
     disturbance = Disturbance(tilt, offset, stuck)
     hub = hub_body(comm, position=disturbance.hub_position(), about_axis=hub_inertia)
     tips = tip_ports(film)
@@ -178,6 +184,8 @@ def build(
             film, stiffness_factor=damping, tension_only=tension_only, name="film damping"
         )
         items.append(viscosity)
+    if loss_factor:
+        items.append(gx.loads.flat_damping(film, loss_factor=loss_factor, band=BAND))
     if crease:
         items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     axis = hub.frame_at((0.0, 0.0, 0.0))
@@ -313,11 +321,12 @@ def sail(
     mark: Callable[[gx.Mesh], gx.Mesh] = lambda mesh: mesh,
     displacement: Callable[[Array], Array] | None = None,
     refine: int = 1,
+    residual_stiffness: float = 1e-6,
 ) -> gx.Membrane:
     """The four trapezoids with the mass of their devices."""
     inner, outer, _ = rows(pitch)
     density = PETALS / (4 * (outer**2 - inner**2) * pitch**2) / FILM["thickness"]
-    law = gx.Miyazaki(**FILM, density=density, residual_stiffness=1e-6)
+    law = gx.Miyazaki(**FILM, density=density, residual_stiffness=residual_stiffness)
     mesh = mark(trapezoids(comm, 4, inner, outer, pitch, refine))
     return gx.Membrane(mesh, law, name="sail", displacement=displacement)
 

@@ -13,7 +13,8 @@ Where the values come from:
     film                 polyimide, Kapton HN (DuPont data sheet H-38492), here of 7.5 µm
     hub, tips, spin      chosen: hub of 0.1 kg and a tenth of the diameter, 8 revolutions a second,
                          tips of 2 g
-    damping              chosen: 0.1 ms, viscosity of the film over its stiffness
+    damping              chosen: 0.1 ms, viscosity of the film over its stiffness; what depends on
+                         it, `./gossamer study disc` says
 
     ./gossamer demo spin_deployment
     ./gossamer run demos/sails/spin_deployment.py diameter=2.0 rev=4.0 until=0.5 --output out/spin
@@ -60,6 +61,7 @@ VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
 HUB = 0.1  # diameter of the hub over that of the disc
 HOLD = 1e3  # stiffness of what holds a tip that sticks [N/m]
 OPEN = 0.75  # mean radius of the tips of a disc that counts as open, over its own
+BAND = (1.0, 1e5)  # frequencies within which a loss factor of the film is constant [Hz]
 CLEAR = 2.0  # distance of the hub from the film on it, over the activation distance
 
 
@@ -101,6 +103,8 @@ def build(
     set_angle_ratio: float = 0.5,
     yield_angle: float = 0.0,
     damping: float = 1e-4,
+    loss_factor: float = 0.0,
+    residual_stiffness: float = 1e-6,
     gravity: float = 0.0,
     air: float = 0.0,
     sense: int = 1,
@@ -132,6 +136,8 @@ def build(
         set_angle_ratio: rest angle of the creases over the angle of their folds, 0 to 1.
         yield_angle: of the creases [rad], see `gx.connectors.Crease`; 0: elastic.
         damping: viscosity of the film over its stiffness [s]; 0: none.
+        loss_factor: of the film, the same over the `BAND` of frequencies; 0: none.
+        residual_stiffness: of the film, compressive over tensile.
         gravity: along -z [m/s²].
         air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p.
             0: vacuum.
@@ -145,7 +151,9 @@ def build(
     side, count = pattern(diameter, n)
     folds = gx.fold.Star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
     mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
-    film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual_stiffness=1e-6), name="sail")
+    film = gx.Membrane(
+        mesh, KAPTON_HN.law(thickness, residual_stiffness=residual_stiffness), name="sail"
+    )
     # Height of the roll: the length of the last column of cells.
     height = count * side * math.tan(math.pi / n)
     disturbance = Disturbance(tilt, offset, stuck)
@@ -184,6 +192,8 @@ def build(
         items.append(gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: spin * t))
     if damping:
         items.append(gx.Damping(film, stiffness_factor=damping))
+    if loss_factor:
+        items.append(gx.loads.flat_damping(film, loss_factor=loss_factor, band=BAND))
     creases: Sequence[gx.connectors.Crease] = ()
     if crease:
         creases = folds.creases(

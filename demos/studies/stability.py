@@ -11,6 +11,7 @@ from ordinary to extreme, alone and with another one:
     mass        ratio of the payload to the film
     aspect      length of the triangles over their width
     dead        volume that the flat tube encloses at the start [m³]
+    loss        loss factor of the film; without any, its vibration never ends
 
 A cell of the map is completed; completed with rejected steps; or failed, and then its row holds the
 reason.  One that completed must have closed its balances: energy to 1e-9, gas to 1e-12, with
@@ -22,11 +23,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.flat_rooted_tube import BAND, LOSS_FACTOR
 from demos.studies.engine.deployments import arguments
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.cases.results import Result
@@ -49,6 +52,7 @@ ORDINARY = {
     "mass": 1.0,
     "aspect": 1.0,
     "dead": 1e-6,
+    "loss": LOSS_FACTOR,
 }
 # Each over several decades, up to where numbers have no physical sense.
 RANGES = {
@@ -59,6 +63,7 @@ RANGES = {
     "mass": [1e-6, 1e-4, 1e-2, 1e2, 1e4, 1e6],
     "aspect": [10.0, 100.0, 1000.0],
     "dead": [1e-9, 1e-8, 1e-7, 1e-4, 1e-3],
+    "loss": [0.0, 1e-6, 1e-3, 0.1],
 }
 # Pairs in which one number could make the other one worse.
 PAIRS = {
@@ -111,8 +116,10 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     # The reservoir has 1 bar; the tube at the start a part of it.
     tank = gx.gas.Ambient(pressure=1e5, temperature=293.0, name="reservoir")
     valve = gx.Orifice(tank, tube, area=1e-6)
-    scene = gx.Scene(film, gx.constraints.BallJoint(tip, payload.port()), tube, valve)
-    run = gx.Simulation(scene, gx.Midpoint(dt=v["h"] * H))
+    items: list[Any] = [film, gx.constraints.BallJoint(tip, payload.port()), tube, valve]
+    if v["loss"]:
+        items.append(gx.loads.flat_damping(film, loss_factor=v["loss"], band=BAND))
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=v["h"] * H))
     run.run(until=STEPS * v["h"] * H)
     state = run.chamber("tube")
     errors = (abs(run.energy_error), abs(run.mass_error))
@@ -220,5 +227,6 @@ STUDY = Study(
     limits={"energy_error": ENERGY, "mass_error": MASS},
     columns="iterations, substeps, energy_error, mass_error, seconds",
     may_fail=True,
+    expected_warnings={"nothing damps it": "one film is undamped on purpose"},
     draw=draw,
 )

@@ -163,11 +163,10 @@ class Spread:
                 return Verdict("not determined", reason=reason)
         values = np.array([result.numbers[quantity] for result in self.results])
         scale = self.scales.get(quantity, abs(values[0])) or 1.0
-        changes = {
-            factor: max(abs(run.numbers[quantity] - values[0]) for run in self.runs_of(factor))
-            / scale
-            for factor in self.factors
-        }
+        changes = {}
+        for factor in self.factors:
+            sizes = [abs(run.numbers[quantity] - values[0]) for run in self.runs_of(factor)]
+            changes[factor] = max(sizes, default=0.0) / scale
         starts = [values[0]]
         for factor in self.chance:
             starts += [run.numbers[quantity] for run in self.runs_of(factor)]
@@ -383,4 +382,5 @@ def _percent(change: float) -> str:
     """A relative change in percent, with two digits; empty for NaN."""
     if math.isnan(change):
         return ""
-    return f"{100 * change:.2g} %"
+    percent = 100 * change
+    return f"{percent:.0f} %" if percent >= 100 else f"{percent:.2g} %"

@@ -14,7 +14,9 @@ ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
 PAGES += ("verification",)
 # Parts that other commands make from result files, which have their own tests.
-MADE_ELSEWHERE = re.compile(r"<!-- (measured|benchmark) -->.*?<!-- /\1 -->", re.DOTALL)
+MADE_ELSEWHERE = re.compile(
+    r"<!-- (measured|benchmark|spread)( \w+)? -->.*?<!-- /\1 -->", re.DOTALL
+)
 # Tables of other things: the form and the inputs of case files.
 NOT_EVIDENCE = {"measured": 2}
 

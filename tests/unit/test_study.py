@@ -255,6 +255,16 @@ def test_a_result_or_a_reference_that_changes_in_either_direction_is_noticed(com
     assert compared(STUDY, other, stored) == []
 
 
+def test_what_never_happens_in_one_case_hides_no_change_of_the_others(comm, folder):
+    results = run(STUDY, folder, comm)
+    never = dataclasses.replace(results[-1], numbers=results[-1].numbers | {"y": math.inf})
+    stored = STUDY.to_be_stored([*results[:-1], never])
+    assert compared(STUDY, [*results[:-1], never], stored) == []
+    assert len(compared(STUDY, results, stored)) == 1
+    moved = dataclasses.replace(results[0], numbers=results[0].numbers | {"y": 3.0})
+    assert len(compared(STUDY, [moved, *results[1:-1], never], stored)) == 1
+
+
 def test_a_case_that_fails_or_lacks_a_number_has_changed(comm, folder):
     results = run(STUDY, folder, comm)
     stored = STUDY.to_be_stored(results)

@@ -404,12 +404,13 @@ def changes(
         names: names of the numbers of a result that are compared.
     """
     known = {key_of(result.values): result for result in stored}
-    # What vanishes but for round-off is compared with the largest value of its column.
+    # What vanishes but for round-off is compared with the largest value of its column; "never",
+    # which is infinite, has no size.
     columns: dict[str, float] = {}
     for result in stored:
         for name in names(result):
-            size = max((abs(old) for old, _ in _pairs(result.numbers[name], None)), default=0.0)
-            columns[name] = max(size, columns.get(name, 0.0))
+            sizes = [abs(old) for old, _ in _pairs(result.numbers[name], None)]
+            columns[name] = max([columns.get(name, 0.0), *filter(math.isfinite, sizes)])
     for result in results:
         before = known.get(key_of(result.values))
         if before is None:
@@ -423,7 +424,8 @@ def changes(
             for old, new in _pairs(before.numbers[name], result.numbers.get(name)):
                 # Written so that a number that is missing, or not a number, has changed.
                 scale = max(abs(old), VANISHING * columns[name])
-                holds = old == new or abs(new - old) <= repeatability * scale
+                is_near = math.isfinite(old) and abs(new - old) <= repeatability * scale
+                holds = old == new or is_near
                 words = f"{where}: {name} was {old:.6g} and is {new:.6g}"
                 yield Judgement(words, holds, f"{where}: {name} changed")
 

@@ -23,7 +23,7 @@ from gossamer_fx.analysis.vibration.spectrum import (
     active_multipliers,
     count_beyond_round_off,
     count_unstable,
-    is_symmetric,
+    symmetric_on_constraints,
 )
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.solve.solvers import factorisation
@@ -150,9 +150,10 @@ def assess(search: Search, at: float) -> Assessment:
     # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.
     if system.scalar_unknowns:
         return Assessment(free, True, count_unstable(system, K))
-    if not is_symmetric(K):
+    symmetric = symmetric_on_constraints(system, K)
+    if symmetric is None:
         return Assessment(free, not factorisation.is_singular(K), UNKNOWN)
-    factors = factorisation.SymmetricFactors(factorisation.equilibrated(K))
+    factors = factorisation.SymmetricFactors(factorisation.equilibrated(symmetric))
     is_regular = not factors.is_singular()
     unstable = factors.negative - active_multipliers(system) if is_regular else UNKNOWN
     factors.destroy()

@@ -24,6 +24,9 @@ COUNTED_FROM = 1e-10
 # Norm of K - Kᵀ over that of K, up to which a stiffness counts as symmetric: round-off.
 SYMMETRY = 1e-10
 
+# Random motions in which the stiffness has to be symmetric: one is enough but for chance.
+PROJECTED_MOTIONS = 2
+
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
@@ -34,6 +37,87 @@ def is_symmetric(K: PETSc.Mat) -> bool:
     result = difference.norm() <= SYMMETRY * K.norm()
     difference.destroy()
     return bool(result)
+
+
+def symmetric_on_constraints(system: System, K: PETSc.Mat) -> PETSc.Mat | None:
+    """Return the stiffness K of a system as a symmetric matrix, or None where it has none;
+    collective.
+
+    The eigenvalues of an equilibrium are those of K in the motions that the constraints allow.
+    Film that is cut and tied has an unsymmetric stiffness of pressure on either side of the cut,
+    whose difference from its transpose does no work in motions that keep both sides together.
+    There K may be replaced by (K + Kᵀ)/2.
+    """
+    if is_symmetric(K):
+        return K
+    if system.constraints is None:
+        return None
+    difference = K.transpose(PETSc.Mat())
+    difference.axpy(-1.0, K, DIFFERENT_PATTERN)
+    project = _ConstraintProjection(system, K)
+    generator = np.random.default_rng(system.comm.rank)
+    is_allowed = not project.problem
+    motion = K.createVecRight()
+    forces = K.createVecLeft()
+    work = K.createVecLeft()
+    for _ in range(PROJECTED_MOTIONS):
+        if not is_allowed:
+            break
+        motion.array[:] = generator.standard_normal(motion.local_size)
+        project(motion)
+        K.mult(motion, forces)
+        difference.mult(motion, work)
+        project(work)
+        is_allowed = bool(work.norm() <= SYMMETRY * forces.norm())
+    project.destroy()
+    symmetric = None
+    if is_allowed:
+        symmetric = K.copy()
+        symmetric.axpy(0.5, difference, DIFFERENT_PATTERN)
+    for each in (difference, motion, forces, work):
+        each.destroy()
+    return symmetric
+
+
+class _ConstraintProjection:
+    """The orthogonal projection of vectors on the motions that the constraints of a system allow,
+    by the matrix (I Bᵀ; B 0), with B from the tangent K.
+
+    Attributes:
+        problem: why there is none, as for equations that depend on each other; empty if there is.
+    """
+
+    def __init__(self, system: System, K: PETSc.Mat) -> None:
+        assert system.constraints is not None, "the caller asks"
+        owned = system.constraints.owned
+        self._local = slice(owned.start, owned.stop)
+        of_motion = K.createVecLeft()
+        of_motion.set(1.0)
+        of_motion.array[self._local] = 0.0
+        stiffness = K.convert("aij", PETSc.Mat())
+        saddle = stiffness.copy()
+        stiffness.diagonalScale(of_motion, of_motion)
+        saddle.axpy(-1.0, stiffness, DIFFERENT_PATTERN)
+        saddle.setDiagonal(of_motion, addv=PETSc.InsertMode.ADD_VALUES)
+        self._factors = factorisation.SymmetricFactors(saddle)
+        self.problem = self._factors.problem
+        if not self.problem and self._factors.is_singular():
+            self.problem = "the constraints depend on each other"
+        self._solution = K.createVecRight()
+        for each in (stiffness, of_motion):
+            each.destroy()
+
+    def __call__(self, vector: PETSc.Vec) -> None:
+        """Replace a vector by its projection; multipliers become zero.  Collective."""
+        vector.array[self._local] = 0.0
+        self._factors.pc.apply(vector, self._solution)
+        self._solution.copy(vector)
+        vector.array[self._local] = 0.0
+
+    def destroy(self) -> None:
+        """Free the factors.  Collective."""
+        self._factors.destroy()
+        self._solution.destroy()
 
 
 class Spectrum:
@@ -89,10 +173,11 @@ def count_unstable(system: System, K: PETSc.Mat) -> int:
             gradient[system.supports.held] = 0.0
             if stiffness:
                 stiffnesses.append((gradient, stiffness))
-    if not is_symmetric(K):
+    symmetric = symmetric_on_constraints(system, K)
+    if symmetric is None:
         return UNKNOWN
     try:
-        negative = Spectrum(K, system.M, stiffnesses).negative_pivots(0.0)
+        negative = Spectrum(symmetric, system.M, stiffnesses).negative_pivots(0.0)
     except RuntimeError:
         return UNKNOWN
     # The matrix of which these are pivots has one of -1/κ for each gas.

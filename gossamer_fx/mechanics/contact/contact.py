@@ -25,6 +25,7 @@ from gossamer_fx.mechanics.contact.active_set import ContactHistory
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.mechanics.contact.geometry.curved_cells import has_middle_nodes
 from gossamer_fx.mechanics.contact.geometry.facets import TRIANGLE_SIDES, facets_of
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.contact.potential import ContactLaw
@@ -198,9 +199,13 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         if field != "contact_pressure":
             return None
         # Loaded when the field is written: most runs do not ask for it.
-        from gossamer_fx.mechanics.contact.contact_pressure import pressures_on
+        from gossamer_fx.mechanics.contact.contact_pressure import pressed_nodes
 
-        return pressures_on(body, self)
+        for touching in self.item.bodies:
+            if touching is body:
+                pressed = pressed_nodes(touching, self)
+                return pressed.nodes, pressed.pressure
+        return None
 
     def solids(self) -> list[Solid]:
         """Return the obstacles as solids for pictures; collective. Planes, which have no end, are
@@ -344,16 +349,14 @@ class Contact:
 
     def warnings(self, items: Iterable[Any]) -> Iterator[str]:
         """A warning for each film of order 2, whose curved surface may be inside of an obstacle."""
-        # Imported here, as `contact_pressure` is needed by few scenes.
-        from gossamer_fx.mechanics.contact.contact_pressure import is_curved_film
-
         for body in self.bodies:
-            if is_curved_film(body) and not getattr(body, "bends", False):
+            is_film = body.space.mesh.topology.dim == 2
+            if is_film and has_middle_nodes(body) and not getattr(body, "bends", False):
                 yield (
                     f"Contact '{self.name}': '{body.name}' is of order 2, whose cells touch as "
                     "four plane pieces each: its curved surface may be inside of what it touches, "
-                    "by the height of the curve over a piece; make it of order 1, or its cells "
-                    "smaller, where clearance counts."
+                    "by the height of the curve over a piece, which gx.probes.ContactGap takes "
+                    "off; make it of order 1, or its cells smaller, where clearance counts."
                 )
 
     def _check_bodies(self, bodies: tuple[Any, ...]) -> None:

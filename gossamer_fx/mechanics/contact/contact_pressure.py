@@ -2,56 +2,128 @@
 
 from __future__ import annotations
 
-import logging
-from weakref import WeakSet
+from dataclasses import dataclass
 
 import numpy as np
+from dolfinx import la
 
-from gossamer_fx.core.model.body import Body, is_on_mesh
+from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.contract import Array, Int64Array
+from gossamer_fx.mechanics.contact.geometry.curved_cells import has_middle_nodes
+from gossamer_fx.mechanics.contact.geometry.facets import EDGES_OF_CELLS
 from gossamer_fx.mechanics.contact.potential import evaluate
 
-LOG = logging.getLogger("gossamer_fx")
 
-# Films for which the warning was logged.
-_warned: WeakSet[Body] = WeakSet()
+@dataclass(frozen=True)
+class PressedNodes:
+    """Contact pressure on k nodes of a body; each node is on one rank.
+
+    Attributes:
+        nodes: global numbers (k,).
+        pressure: (k,) [N/m²].
+        area: (k,) [m²] of the stress-free shape for which each node stands; their sum is that of
+            the body.
+    """
+
+    nodes: Int64Array
+    pressure: Array
+    area: Array
 
 
-def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
-    """Return global numbers (k,) of the nodes of a body, and the contact pressure (k,) [N/m²] on
-    them; collective.  Each node is on one rank; both are empty if the contact does not have the
-    body."""
-    # The same on all ranks: `pressures` is collective.
-    if not any(other is body for other in contact_set.mesh.bodies):
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
-    warn_of_order(body)
+def pressed_nodes(body: MeshBody, contact_set: ContactSet) -> PressedNodes:
+    """Return the contact pressure on the nodes of a body; collective.
+
+    The force on the nodes of a cell of order 2 is that of its shape functions: of a uniform
+    pressure, vertices carry none and middle nodes all of it.  The hat function of a vertex is the
+    sum of its shape function and half of those of the middle nodes next to it, so that forces and
+    areas of these are divided between the ends of their edges.  The pressure is then that of cells
+    of order 1, and linear along the edges.
+    """
     of_body = nodes_of(body, contact_set)
-    return contact_set.mesh.nodes[of_body], pressures(contact_set)[of_body]
+    nodes = contact_set.mesh.nodes[of_body]
+    force = forces_on_points(contact_set)[of_body]
+    area = contact_set.mesh.area[of_body]
+    if not has_middle_nodes(body):
+        return PressedNodes(nodes, force / area, area)
+    halves = _Halves(body, nodes)
+    force_at_ends = halves.to_ends(force)
+    area_at_ends = halves.to_ends(area)
+    has_area = area_at_ends > 0
+    pressure = np.zeros(len(nodes))
+    pressure[has_area] = force_at_ends[has_area] / area_at_ends[has_area]
+    return PressedNodes(nodes, halves.to_middles(pressure), area_at_ends)
 
 
-def is_curved_film(body: Body) -> bool:
-    """Whether the cells of a body are triangles of order 2, which contact cuts into four plane
-    pieces."""
-    if not is_on_mesh(body):
-        return False
-    space = body.space
-    return space.mesh.topology.dim == 2 and space.ufl_element().degree == 2
+class _Halves:
+    """Values at the nodes of a body of order 2, divided between and averaged over the ends of its
+    edges.
 
+    Args:
+        nodes: global numbers (k,) of the nodes of this rank, in the order of all values.
+    """
 
-def warn_of_order(body: Body) -> None:
-    """Warn once of a film of order 2: the pieces share the loads of a cell, and not its shape
-    functions, so that a uniform pressure is 0 at vertices and 4/3 of it at other nodes."""
-    if body in _warned or not is_curved_film(body):
-        return
-    _warned.add(body)
-    if body.comm.rank == 0:
-        LOG.warning(
-            "contact_pressure: '%s' is a film of order 2, whose nodes share the contact forces of a"
-            " cell unevenly: 0 at vertices and 4/3 of the pressure at other nodes; only sums over "
-            "an area are right.",
-            body.name,
-        )
+    def __init__(self, body: MeshBody, nodes: Int64Array) -> None:
+        """Find the edges of the cells of this rank; collective."""
+        mesh = body.space.mesh
+        dimension = mesh.topology.dim
+        cells = body.space.dofmap.list[: mesh.topology.index_map(dimension).size_local]
+        dof_count = cells.shape[1]
+        edges = EDGES_OF_CELLS[dimension, dof_count]
+        # Middle nodes follow the vertices, in the order of the edges.
+        first_middle = dof_count - len(edges)
+        self._middle = cells[:, first_middle:].ravel()
+        self._ends = cells[:, edges].reshape(-1, 2)
+        self._index_map = body.block.index_map
+        # The rank that has a point of the contact knows its node, and need not own it.
+        self._local = self._index_map.global_to_local(nodes)
+        # Two cells share an edge, each of which brings its part.
+        count = self._zeros()
+        np.add.at(count.array, self._middle, 1.0)
+        self._sum_over_ranks(count)
+        self._cells_of_edge = count.array[self._middle]
+
+    def _zeros(self) -> la.Vector:
+        return la.vector(self._index_map)
+
+    @staticmethod
+    def _sum_over_ranks(vector: la.Vector) -> None:
+        """Sum what all ranks have for a node, and give it to all; collective."""
+        vector.scatter_reverse(la.InsertMode.add)
+        vector.scatter_forward()
+
+    def _spread(self, values: Array) -> la.Vector:
+        """Return values (k,) at all nodes that this rank knows; collective."""
+        vector = self._zeros()
+        vector.array[self._local] = values
+        self._sum_over_ranks(vector)
+        return vector
+
+    def to_ends(self, values: Array) -> Array:
+        """Return values (k,) of which half of each middle node's is added to each end of its edge,
+        and zero at middle nodes; collective."""
+        given = self._spread(values)
+        added = self._zeros()
+        halves = given.array[self._middle] / (2 * self._cells_of_edge)
+        np.add.at(added.array, self._ends, halves[:, None])
+        self._sum_over_ranks(added)
+        total = given.array + added.array
+        total[self._middle] = 0.0
+        # Cells of other ranks may have the middle nodes that this rank owns.
+        is_middle = self._zeros()
+        is_middle.array[self._middle] = 1.0
+        self._sum_over_ranks(is_middle)
+        return np.asarray(np.where(is_middle.array > 0, 0.0, total)[self._local])
+
+    def to_middles(self, values: Array) -> Array:
+        """Return values (k,) of which those at middle nodes are the means of both ends;
+        collective."""
+        given = self._spread(values)
+        means = self._zeros()
+        of_edge = given.array[self._ends].mean(axis=1) / self._cells_of_edge
+        np.add.at(means.array, self._middle, of_edge)
+        self._sum_over_ranks(means)
+        return np.asarray((given.array + means.array)[self._local])
 
 
 def nodes_of(body: Body, contact_set: ContactSet) -> Int64Array:
@@ -63,14 +135,13 @@ def nodes_of(body: Body, contact_set: ContactSet) -> Int64Array:
     return np.flatnonzero(is_of_body & mesh.shared.is_own)
 
 
-def pressures(contact_set: ContactSet) -> Array:
-    """Return the contact pressure (n,) [N/m²] on the points of bodies that this rank knows, as the
-    mean of the last accepted step; collective.
+def forces_on_points(contact_set: ContactSet) -> Array:
+    """Return the contact force (n,) [N] on the points of bodies that this rank knows, as the mean
+    of the last accepted step; collective.
 
-    It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free
-    shape for which the point stands: pressures on both sides of a film add up.  The area of cables
-    and beams is length times diameter.  After a restart, until the next step, it is that of the
-    state alone.
+    It is the sum of the sizes of all pairs' forces on a point: those on both sides of a film add
+    up.  Pressures are forces over areas of the stress-free shape; that of cables and beams is
+    length times diameter.  After a restart, until the next step, it is that of the state alone.
     """
     contact_set.stored_energy()
     points = contact_set.points
@@ -101,4 +172,4 @@ def pressures(contact_set: ContactSet) -> Array:
     of_bodies = force[: points.body_count]
     # Any rank may have pairs at a point.
     contact_set.mesh.shared.take_sum(of_bodies)
-    return of_bodies / contact_set.mesh.area[: points.body_count]
+    return of_bodies

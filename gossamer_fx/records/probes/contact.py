@@ -10,13 +10,14 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.c_source import c_library
-from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns
+from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.contact.broad_phase.candidates import import_facets
 from gossamer_fx.mechanics.contact.contact import CompiledContact, Contact
-from gossamer_fx.mechanics.contact.contact_pressure import nodes_of, pressures, warn_of_order
+from gossamer_fx.mechanics.contact.contact_pressure import PressedNodes, pressed_nodes
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.mechanics.contact.geometry.curved_cells import distances_from_pieces
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
@@ -37,6 +38,10 @@ def contact_set_of(contact: Contact, run: Any) -> ContactSet:
 @check_arguments
 class ContactGap:
     """Least gap [m] between parts of a contact that are not connected: distance less the radii.
+
+    Bodies of order 2 touch as straight pieces between their nodes.  The gap is that of the pieces,
+    less a bound for the height of the curved cells over them: what it says is free is free, and
+    where it is negative, a curved cell may be inside of what it touches.
 
     Infinite if nothing was within reach of the last search.  A table refuses that, which ends the
     run: record the inverse.
@@ -60,7 +65,12 @@ class ContactGap:
         x = contact_set.points.at(run.system.q0, run.system.time)
         # At the accepted state: the pairs' distances of the last iterate may belong to another
         # one.
-        gap = PairDistances.of(contact_set.candidates, x).gap
+        pairs = contact_set.candidates
+        height = distances_from_pieces(contact_set.mesh, x)[pairs.points]
+        # A point and a triangle are (0, 123), two edges (01, 23), a point and an obstacle (0, 123).
+        height_of_first = height[:, :2].max(axis=1, initial=0.0)
+        height_of_second = height[:, 1:].max(axis=1, initial=0.0)
+        gap = PairDistances.of(pairs, x).gap - height_of_first - height_of_second
         return float(run.comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN))
 
 
@@ -119,13 +129,9 @@ class _TouchedNodes:
         self.contact = contact
         self.body = body
 
-    def _pressures_and_areas(self, run: Any) -> tuple[Array, Array]:
-        """Pressure (k,) [Pa] on the body's nodes of this rank and their areas (k,) [m²].
-        Collective."""
-        warn_of_order(self.body)
-        contact_set = contact_set_of(self.contact, run)
-        nodes = nodes_of(self.body, contact_set)
-        return pressures(contact_set)[nodes], contact_set.mesh.area[nodes]
+    def _pressed_nodes(self, run: Any) -> PressedNodes:
+        """The body's nodes of this rank in the present state of a run.  Collective."""
+        return pressed_nodes(self.body, contact_set_of(self.contact, run))
 
 
 @check_arguments
@@ -151,8 +157,8 @@ class ContactPressure(_TouchedNodes):
 
     def __call__(self, run: Any) -> float:
         """The largest pressure [Pa] in the state of a run.  Collective."""
-        found, _ = self._pressures_and_areas(run)
-        return float(run.system.comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX))
+        largest = float(self._pressed_nodes(run).pressure.max(initial=0.0))
+        return float(run.system.comm.allreduce(largest, op=MPI.MAX))
 
 
 @check_arguments
@@ -180,8 +186,9 @@ class ContactArea(_TouchedNodes):
 
     def __call__(self, run: Any) -> float:
         """The area [m²] in the state of a run.  Collective."""
-        found, areas = self._pressures_and_areas(run)
-        return float(run.system.comm.allreduce(float(areas[found > 0].sum())))
+        pressed = self._pressed_nodes(run)
+        area = float(pressed.area[pressed.pressure > 0].sum())
+        return float(run.system.comm.allreduce(area))
 
 
 @check_arguments

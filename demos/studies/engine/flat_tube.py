@@ -1,0 +1,68 @@
+"""What studies of the folded tube with flat ends ask of one deployment, and the factors that they
+vary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.common.deployment import first_time, run_figures
+from demos.common.flat_rooted_tube import ARRIVED, HALFWAY, LOSS_FACTOR, OPEN, build
+from demos.studies.engine.deployments import DAMPING, NUDGES
+
+LENGTH = 0.25  # m
+DIAMETER = 0.03  # m
+PRESSURE = 1.5e6  # of the tank [Pa]
+UNTIL = 0.04  # s
+# Until this time [s] the first fold decides; ratios of pressures are taken then.
+EARLY = 3e-3
+# The contact distance is half of the distance between layers, and a quarter.
+FACTORS: Mapping[str, list[Any]] = {
+    "cells": [4, 6, 8],
+    "dt": [1e-4, 5e-5],
+    "nudge": NUDGES,
+    "damping": list(DAMPING),
+    "contact": [5e-4, 2.5e-4],
+    "residual_stiffness": [1e-6, 1e-5],
+}
+
+
+def deploy(
+    comm: MPI.Comm,
+    start: str,
+    damping: str = "loss 0.01",
+    nudge: float = 0.0,
+    until: float = UNTIL,
+    **given: float,
+) -> dict[str, float]:
+    """Figures of one deployment of the short tube, its film damped.
+
+    Args:
+        start: "zigzag" or "roll".
+        damping: one of `DAMPING`.
+        nudge: relative change of the pressure of the tank.
+    """
+    film = {"loss_factor": LOSS_FACTOR, **DAMPING[damping]}
+    case = build(comm, start=start, until=until, pressure=PRESSURE * (1 + nudge), **film, **given)  # type: ignore[arg-type]
+    series = gx.Series(case.probes)
+    run = case.simulation([series])
+    run.run(until=until)
+    t = series.time
+    distance = np.hypot(series["tip x [m]"], series["tip z [m]"])
+    ring = series["ring1 [mm2]"] / (1e6 * math.pi * DIAMETER**2 / 4)
+    ratio = series["p2 [Pa]"] / series["p1 [Pa]"]
+    return {
+        "halfway [ms]": 1e3 * first_time(t, distance, HALFWAY * LENGTH),
+        "arrived [ms]": 1e3 * first_time(t, distance, ARRIVED * LENGTH),
+        "tip speed [m/s]": float(series["tip speed [m/s]"].max()),
+        "ring 1 [ms]": 1e3 * first_time(t, ring, OPEN),
+        "mean of ring 1": float(ring[t <= EARLY].mean()),
+        "p2/p1 at 3 ms": float(np.interp(EARLY, t, ratio)),
+        "p1 at the end [Pa]": float(series["p1 [Pa]"][-1]),
+        **run_figures(run, series),
+    }
