@@ -75,8 +75,8 @@ def check_inside(path: Path, folder: Path) -> None:
     """Raise `InputError` if a link on the way to a file leads out of the folder in which it is."""
     check(
         Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)),
-        f"'{path}' is a link that leads out of the folder '{folder}', or is behind one; put the file "
-        "itself there.",
+        f"'{path}' is a link that leads out of the folder '{folder}', or is behind one; put the "
+        "file itself there.",
     )
 
 
