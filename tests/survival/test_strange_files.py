@@ -6,6 +6,7 @@ neither reads nor writes another file of the user."""
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import os
@@ -177,6 +178,31 @@ def test_a_restart_reads_through_no_link(tmp_path: Path) -> None:
     share.symlink_to(tmp_path / "mine")
     with pytest.raises(gx.InputError, match="leads out of the folder"):
         go(tmp_path / "saves")
+
+
+def test_a_file_system_that_refuses_locks_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A network file system without its lock daemon; and a lock file that is a link."""
+
+    def refuse(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    ball = gx.PointMass(1.0, position=(0.0, 0.0, 1.0), comm=ALONE, name="ball")
+
+    def go() -> None:
+        ledger = gx.Ledger(tmp_path / "ledger.csv")
+        gx.Simulation(gx.Scene(ball), gx.Midpoint(dt=1e-3), outputs=[ledger]).run(until=2e-3)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fcntl.flock", refuse)
+        go()
+    assert (tmp_path / "ledger.csv").read_text().count("\n") == 4
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / ".ledger.csv.lock").symlink_to(tmp_path / "mine")
+    with pytest.raises(gx.InputError, match="cannot be locked by"):
+        go()
+    assert (tmp_path / "mine").read_text() == "mine"
 
 
 # ---- sizes ---------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -24,7 +25,7 @@ from threading import Thread
 from types import FrameType
 from typing import BinaryIO, cast
 
-from gossamer_fx.core.checks.ending import end_with_parent
+from gossamer_fx.core.checks.ending import TERMINATED, end_with_parent
 
 # Open MPI puts each of its messages between two lines of dashes.
 RULE = b"-" * 74
@@ -244,19 +245,23 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     stdin = None
     if os.isatty(0):
         stdin = subprocess.DEVNULL
+    folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+    terminated = Path(folder.name) / "terminated"
     run = subprocess.Popen(
         [mpirun, "-n", str(ranks), sys.executable, *program],
         stdin=stdin,
         stderr=subprocess.PIPE,
         start_new_session=True,
         preexec_fn=end_child_with_parent,
-        env=child_environment(),
+        env=child_environment() | {TERMINATED: str(terminated)},
     )
     heard: list[int] = []
 
     def hand_on(number: int, frame: FrameType | None) -> None:
         """Pass a signal to mpirun: the first one as one at which a run ends with its step."""
         heard.append(number)
+        if number == signal.SIGTERM:
+            terminated.touch()
         if len(heard) == 1:
             run.send_signal(_HANDED_ON[number])
         else:
@@ -270,6 +275,7 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     words.start()
     code = run.wait()
     words.join(_LAST_WORDS)
+    folder.cleanup()
     if code and not heard and not messages.is_explained:
         print(
             f"gossamer: a rank has ended by itself, with the code {code}, and the others with it; "

@@ -147,6 +147,10 @@ def watch_uncaught_errors() -> None:
 # step ends.
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2)
 
+# Environment variable with the name of a file that exists once the launcher has got a SIGTERM, which
+# it hands on as SIGUSR1.
+TERMINATED = "GOSSAMER_TERMINATED"
+
 # The exit code of a program that a signal ends is this number plus that of the signal.
 EXIT_CODE_OFFSET = 128
 
@@ -157,7 +161,8 @@ class Interrupted(SystemExit):
     If it is not caught, it ends the program with the code 128 + number of the signal.
 
     Attributes:
-        signal: the signal.  SIGUSR2, by which the launcher hands on Ctrl-C, is a SIGINT.
+        signal: the signal.  SIGUSR2, by which the launcher hands on Ctrl-C, is a SIGINT, and
+            SIGUSR1 a SIGTERM if the launcher has got that.
 
     Example:
         >>> import signal
@@ -168,6 +173,9 @@ class Interrupted(SystemExit):
     def __init__(self, number: int) -> None:
         if number == signal.SIGUSR2:
             number = signal.SIGINT
+        terminated = os.environ.get(TERMINATED)
+        if number == signal.SIGUSR1 and terminated and os.path.exists(terminated):
+            number = signal.SIGTERM
         super().__init__(EXIT_CODE_OFFSET + number)
         self.signal = signal.Signals(number)
 

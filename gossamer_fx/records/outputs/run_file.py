@@ -12,6 +12,8 @@ message that refuses another run.
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import hashlib
 import json
 import os
@@ -111,7 +113,15 @@ def _lock(path: Path) -> FileLock:
             lock.acquire(blocking=False)
     except NotImplementedError:  # the file system has no locks
         return lock
-    except (Timeout, PermissionError) as error:  # another user's lock file cannot even be opened
+    except OSError as error:  # another user's lock file cannot even be opened
+        # filelock takes every refusal for the lock of another run.
+        if isinstance(error, Timeout) and _has_no_locks(_lock_file(path)):
+            return lock
+        check(
+            isinstance(error, Timeout | PermissionError),
+            f"'{path}' cannot be locked by '{_lock_file(path)}' ({error.strerror}); remove that "
+            "file, or give another folder.",
+        )
         raise InputError(
             f"'{path}' is being written by another run{_owner(path)}; wait for its end, or give "
             "another folder."
@@ -125,6 +135,19 @@ def _lock(path: Path) -> FileLock:
     with suppress(OSError):  # without the file, e.g. on a full disk, the message names no process
         write_new(_owner_file(path), json.dumps(about).encode())
     return lock
+
+
+def _has_no_locks(file: Path) -> bool:
+    """Whether the file system refuses to lock a file at all, as some network file systems do."""
+    descriptor = os.open(file, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in (errno.EWOULDBLOCK, errno.EAGAIN, errno.EINTR)
+    finally:
+        # This gives the lock back, if it was given.
+        os.close(descriptor)
+    return False
 
 
 def _release_all(locks: dict[Path, FileLock]) -> None:
