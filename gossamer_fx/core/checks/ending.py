@@ -147,8 +147,8 @@ def watch_uncaught_errors() -> None:
 # step ends.
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2)
 
-# Environment variable with the name of a file that exists once the launcher has got a SIGTERM, which
-# it hands on as SIGUSR1.
+# Environment variable with the name of a file that exists once the launcher has got a SIGTERM, and
+# has handed it on as SIGUSR1.
 TERMINATED = "GOSSAMER_TERMINATED"
 
 # The exit code of a program that a signal ends is this number plus that of the signal.
