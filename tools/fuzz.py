@@ -306,7 +306,8 @@ def requests(run: Path) -> tuple[list[bytes], Reader]:
             theirs.settimeout(5.0)
             # A page is larger than the buffer of a socket.
             threading.Thread(target=drain, args=(ours,), daemon=True).start()
-            Quiet(theirs, ("127.0.0.1", 0), Server())
+            server: Any = Server()
+            Quiet(theirs, ("127.0.0.1", 0), server)
 
     def drain(end: socket.socket) -> None:
         try:
