@@ -31,7 +31,8 @@ Own kinds of terms
     what it computes with: `Coordinates`, `NumberedBlock`, `compile_form`, `compile_expression`;
     `PointMeasures`, `Gather`, `add_blocks`, `attach_all`
 Gas
-    `Holder`, a base of boundaries; `Volume`, `Opening`, `Wall`, `Enclosure`, `CompiledEnclosure`
+    the bases of items: `Holder` of boundaries, `Volume`, `Opening`, `Wall`, `Enclosure`;
+    `CompiledEnclosure`
 Steppers
     `Stepper`, `StepSolver`, `StressRule`
 Runs

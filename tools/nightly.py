@@ -35,6 +35,9 @@ LEAST_FOUND = 0.85
 # Time [s] after which a run of tests on a mutant, or a study, hangs.
 LONGEST = 600
 
+# Letters of a word of a file's name by which tests of the file are recognised.
+MIN_WORD = 4
+
 # Files of each part, and the tests that are to find errors in them.
 PARTS = {
     "laws": (
@@ -180,13 +183,29 @@ def sample(part: str, count: int, seed: int) -> list[Mutant]:
     return [mutant_of(path, k) for path, k in chosen.sample(places, min(count, len(places)))]
 
 
+def nearest_first(path: str, tests: Sequence[str]) -> list[str]:
+    """The files of some tests and folders of tests; first those whose name has a word of the name
+    of a file of the package, which are likely to find an error in it."""
+    files: list[Path] = []
+    for name in tests:
+        given = ROOT / name
+        files += sorted(given.rglob("test_*.py")) if given.is_dir() else [given]
+    words = [word for word in Path(path).stem.split("_") if len(word) >= MIN_WORD]
+
+    def is_far(test: Path) -> bool:
+        return not any(word.rstrip("s") in test.stem for word in words)
+
+    return [str(test.relative_to(ROOT)) for test in sorted(files, key=is_far)]
+
+
 def is_found(mutant: Mutant, tree: Path, tests: Sequence[str]) -> bool:
     """Whether a test in a copy of the project fails with a mutant; one that hangs counts as
     found."""
     target = tree / mutant.path
     original = target.read_text(encoding="utf-8")
     target.write_text(mutant.text, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", *tests]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow"]
+    command += nearest_first(mutant.path, tests)
     # The copy comes first, whatever the environment adds to the path.
     environment = dict(os.environ, PYTHONPATH=f"{tree}:{os.environ.get('PYTHONPATH', '')}")
     try:
@@ -292,8 +311,9 @@ def run_jitter(names: Sequence[str], times: int) -> bool:
     script = JITTERED.replace("{JITTER}", repr(JITTER))
     failures = []
     tries = 0
-    for name in chosen:
-        for seed in range(times):
+    # All studies once, then all once more: a run that is cut short has tried each of them.
+    for seed in range(times):
+        for name in chosen:
             tries += 1
             with tempfile.TemporaryDirectory() as out:
                 try:

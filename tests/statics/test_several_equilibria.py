@@ -50,6 +50,12 @@ def test_equilibria_under_a_load_have_the_energies_of_closed_forms(comm):
     found = gx.analysis.equilibria(equilibrium, starts=12, perturbation=0.5)
     stable = sorted(one.stored for one in found if one.result.unstable == 0)
     assert stable == pytest.approx(energies, rel=1e-6)
+    # The work of the load is that of each search, from the start of all.
+    for one in found:
+        if one.result.unstable == 0:
+            z = RISE if one is found[0] else -RISE
+            moved = min(roots, key=lambda root: abs(root - z)) - RISE
+            assert one.result.totals.supplied == pytest.approx(-load * moved, rel=1e-6)
 
 
 def test_one_equilibrium_is_listed_once(comm):
@@ -67,3 +73,14 @@ def test_no_equilibrium_from_any_start_is_an_error(comm):
     equilibrium = gx.Equilibrium(gx.Scene(gx.Gravity(mass)), search)
     with pytest.raises(gx.NoEquilibrium, match="none of 2 searches has found one"):
         gx.analysis.equilibria(equilibrium, starts=2)
+
+
+def test_the_number_of_searches_without_a_result_is_said(comm, caplog):
+    """Two bars that snap through need more iterations than they have."""
+    equilibrium, _ = two_bars(comm)
+    search = gx.analysis.Continuation(total_iterations=3)
+    few = gx.Equilibrium(gx.Scene(*equilibrium.system.items), search)
+    found = gx.analysis.equilibria(few, starts=4, perturbation=0.5)
+    reached = sum(len(one.starts) for one in found)
+    assert 0 < reached < 4
+    assert f"equilibria: {4 - reached} of 4 searches have found nothing" in caplog.text

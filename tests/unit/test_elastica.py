@@ -7,6 +7,8 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.optimize import minimize_scalar
 
 from gossamer_fx import Elastica, Linear
 from gossamer_fx.mechanics.materials.elastica import buckled_strip, cubic, onset
@@ -102,3 +104,56 @@ def test_energy_is_symmetric_in_compression_and_isotropic():
 def test_states():
     e = np.array([[1e-2, 1e-2, 0], [1e-2, -1e-2, 0], [-1e-2, -1e-2, 0], [0, 0, 0]])
     assert at_strains(LAW, "state")(e).ravel().tolist() == [TAUT, WRINKLED, SLACK, TAUT]
+
+
+# The thickest strip that is allowed, of which most terms of the energy count: e_w is near 1e-3.
+THICK = Elastica(E=1.0, nu=NU, density=1.0, thickness=1.0, half_wavelength=32.0)
+
+
+def strip_load(f: float) -> float:
+    """Stress of a buckled strip at the strain f over that at the onset."""
+    λ_w = math.sqrt(1 - 2 * THICK.onset)
+    λ = math.sqrt(1 + 2 * f)
+    x = λ_w - λ
+    return λ_w / λ * (1 + x * (THICK.c1 + x * (THICK.c2 + x * THICK.c3)))
+
+
+def strip_energy(f: float) -> float:
+    """Energy of a strip at the strain f, by quadrature of its stress."""
+    E = 1 / (1 - NU**2)
+    if f >= -THICK.onset:
+        return E * f**2 / 2
+    buckled, _ = quad(strip_load, f, -THICK.onset, epsabs=1e-14)
+    return E * (THICK.onset**2 / 2 + THICK.onset * buckled)
+
+
+@pytest.mark.parametrize("γ2", [-0.01, -0.03, -0.1, -0.2])
+def test_a_strip_that_nothing_pulls_across_has_the_least_energy(γ2: float) -> None:
+    """U(γ) = min over the strain γ1 across of E γ1²/2 + ψ(γ + ν γ1)."""
+    least = minimize_scalar(
+        lambda γ1: γ1**2 / 2 + strip_energy(γ2 + NU * γ1),
+        bounds=(0.0, 0.1),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    # The strain across is larger than -ν γ2 without stress, so that the film is slack.
+    measured = at_strains(THICK, "energy")(np.array([[0.0, γ2, 0.0]]))[0]
+    assert measured == pytest.approx([least.fun], rel=2 * THICK.onset**2 + 1e-7)
+
+
+def test_the_energy_of_wrinkles_is_that_of_their_strips() -> None:
+    for γ1, f in ((0.05, -0.021), (0.05, -0.05), (0.1, -0.2)):
+        measured = at_strains(THICK, "energy")(np.array([[γ1, f - NU * γ1, 0.0]]))[0]
+        assert measured == pytest.approx([γ1**2 / 2 + strip_energy(f)], rel=1e-9)
+
+
+@pytest.mark.parametrize("f", [-0.01, -0.1])
+def test_film_is_slack_where_strips_press_more_than_the_film_is_pulled(f: float) -> None:
+    """σ1 = E γ1 + ν ψ'(f) is zero at γ1 = ν/(1 - ν²) times -f, or times e_w and the load."""
+    compression = -f if f >= -THICK.onset else THICK.onset * strip_load(f)
+    limit = NU / (1 - NU**2) * compression
+    states = []
+    for γ1 in (0.99 * limit, 1.01 * limit):
+        e = np.array([[γ1, f - NU * γ1, 0.0]])
+        states.append(int(at_strains(THICK, "state")(e)[0, 0]))
+    assert states[0] == SLACK and states[1] != SLACK

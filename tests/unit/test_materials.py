@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 from gossamer_fx import Linear, Miyazaki, TensionField
-from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
-from tests.strain_samples import CELLS, at_strains, random_strains, strain
+from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, constants
+from tests.strain_samples import (
+    CELLS,
+    SQUARE,
+    Samples,
+    at_strains,
+    random_strains,
+    strain,
+)
 
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}
 MIYAZAKI = Miyazaki(**UNIT, residual_stiffness=1e-4)
@@ -143,3 +150,18 @@ def test_full_residual_stiffness_never_wrinkles():
         for law in (Miyazaki(**UNIT, residual_stiffness=1.0), Linear(**UNIT))
     ]
     assert S[0] == pytest.approx(S[1], rel=1e-12, abs=1e-16)
+
+
+def test_the_mean_stress_of_wrinkles_does_the_work_of_the_energy():
+    """Also of film whose residual stiffness is not small."""
+    law = Miyazaki(**UNIT, residual_stiffness=0.3)
+    c = constants(law, SQUARE)
+    mean = Samples(lambda a, b: law._wrinkled_stress(a, b, c), arguments=2)
+    rng = np.random.default_rng(3)
+    γ1 = rng.uniform(0.5, 1.0, (2, 50))
+    γ2 = -rng.uniform(0.6, 0.9, (2, 50)) * γ1
+    a, b = (strain(γ1[k], γ2[k], rng.uniform(0, 0.3, 50)) for k in range(2))
+    assert set(at_strains(law, "state")(np.vstack([a, b])).ravel()) == {WRINKLED}
+    energy = at_strains(law, "energy")
+    work = (mean(a, b) * (b - a)).sum(axis=1)
+    assert work == pytest.approx((energy(b) - energy(a)).ravel(), rel=1e-7, abs=1e-9)

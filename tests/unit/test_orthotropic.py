@@ -381,3 +381,14 @@ def test_a_rule_without_a_function_for_laws_in_c_is_refused_by_name():
     film = gx.Membrane(sheet(MPI.COMM_SELF, 1, 1), NEARLY_ISOTROPIC, name="tent")
     with pytest.raises(gx.InputError, match="'tent': the stress rule AtTheEnd cannot be used"):
         gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3, rule=AtTheEnd()))
+
+
+@every_law
+def test_the_strain_of_a_taut_stress_is_the_inverse_of_the_stress(law) -> None:
+    """Along the axes of the film; the shear of a strain is twice E12."""
+    c = constants(law, SQUARE)
+    c.cosine = 1.0
+    c.sine = 0.0
+    stress = np.array([[1.0, 2.0, 0.3], [0.4, 0.3, -0.15], [2.0, 1.0, 0.0]])
+    e = Samples(lambda S: law.taut_strain(S, c))(stress)
+    assert e @ stiffness(law) == pytest.approx(stress, rel=1e-12, abs=1e-12)

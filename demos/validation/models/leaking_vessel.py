@@ -25,7 +25,7 @@ import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.mechanics.gas.contract import Gas
+from gossamer_fx.mechanics.gas.contract import Gas, Opening
 from gossamer_fx.mechanics.gas.network import GasNetwork
 
 AIR = gx.IdealGas(gamma=1.4, R=287.05)
@@ -35,7 +35,7 @@ QUICK_FACTOR = 10
 
 
 @dataclass(frozen=True, eq=False)
-class OwnOpening:
+class OwnOpening(Opening):
     """An opening from a to b, of which one is the chamber and one the surroundings."""
 
     a: gx.Chamber | gx.gas.Ambient

@@ -19,6 +19,7 @@ Limit.  Nothing says that all equilibria were found.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -30,6 +31,9 @@ from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.system.system import System
+
+LOG = logging.getLogger("gossamer_fx")
 
 # Distance of points over the extent of the scene, and difference of stored energies over the larger
 # one, from which on two equilibria differ.
@@ -94,8 +98,8 @@ def equilibria(
     undisturbed start first and then by their stored energy.
 
     The scene has the state of the first one then.  Nothing says that these are all.  Searches that
-    find nothing are left out; a scene with friction or creases that yield has the history of the
-    start in each of them.
+    find nothing are left out, and a warning has their number; a scene with friction or creases
+    that yield has the history of the start in each of them.
 
     Args:
         equilibrium: its present state is the undisturbed start.
@@ -128,16 +132,15 @@ def equilibria(
     system = equilibrium.system
     start = _State(equilibrium)
     found: list[EquilibriumFound] = []
-    failure = ""
+    failures: list[str] = []
     for number in range(starts):
         start.restore(equilibrium)
         if number:
-            moved = start.q + _disturbance(equilibrium, perturbation, seed + number)
-            system.restore(moved, 0 * moved, system.time)
+            _disturb(system, _disturbance(equilibrium, perturbation, seed + number), at)
         try:
             result = equilibrium.find(at=at, progress=False)
         except NoEquilibrium as reason:
-            failure = str(reason)
+            failures.append(str(reason))
             continue
         stored = sum(result.totals.stored.values())
         coordinates = system.q0.array_r.copy()
@@ -154,7 +157,16 @@ def equilibria(
                 distance = _distance(equilibrium, found[0].coordinates, coordinates)
             found.append(EquilibriumFound(result, stored, (number,), distance, coordinates))
     if not found:
-        raise NoEquilibrium(f"equilibria: none of {starts} searches has found one; {failure}")
+        raise NoEquilibrium(f"equilibria: none of {starts} searches has found one; {failures[-1]}")
+    if failures and equilibrium.comm.rank == 0:
+        LOG.warning(
+            "equilibria: %d of %d searches have found nothing, the last one as follows; give a "
+            "smaller perturbation than %g, or more iterations.  %s",
+            len(failures),
+            starts,
+            perturbation,
+            failures[-1],
+        )
     start.restore(equilibrium)
     system.restore(found[0].coordinates, 0 * found[0].coordinates, system.time)
     equilibrium.find(at=at, progress=False)
@@ -162,13 +174,16 @@ def equilibria(
 
 
 class _State:
-    """What a search starts from: coordinates, time, and gas."""
+    """What a search starts from: coordinates, time, gas, and what was supplied and lost until
+    then."""
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         system = equilibrium.system
         self.q: Array = system.q0.array_r.copy()
         self._time = system.time
         self._gas = [scalars.get_history() for scalars in system.scalar_unknowns]
+        self._supplied = system.supplied_energy
+        self._losses = dict(system.losses)
 
     def restore(self, equilibrium: Equilibrium) -> None:
         """Let the equilibrium search from this state.  Collective."""
@@ -176,7 +191,26 @@ class _State:
         system.restore(self.q, 0 * self.q, self._time)
         for scalars, history in zip(system.scalar_unknowns, self._gas, strict=True):
             scalars.set_history(history)
+        # Else the work of the loads would be that of all searches so far.
+        system.supplied_energy = self._supplied
+        system.losses.update(self._losses)
         equilibrium.take_over(self._time)
+
+
+def _disturb(system: System, change: Array, at: float) -> None:
+    """Move the unknowns of this rank by a change (n,); the loads of time `at` [s] do work on the
+    way, which counts as supplied, so that each equilibrium has the work from the start of all.
+    Collective."""
+    for compiled in system.compiled:
+        compiled.begin_step(at)
+    end = system.q0.copy()
+    end.array[:] += change
+    system.set_end(end)
+    work = sum(compiled.supplied() for compiled in system.compiled)
+    moved = end.array_r.copy()
+    end.destroy()
+    system.restore(moved, 0 * moved, system.time)
+    system.supplied_energy += work
 
 
 def _disturbance(equilibrium: Equilibrium, perturbation: float, seed: int) -> Array:

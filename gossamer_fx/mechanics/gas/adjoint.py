@@ -303,9 +303,9 @@ class GasAdjoint:
         for j, path in enumerate(self._walls):
             wall = path.wall
             name, _ = _coefficient_of(wall)
-            area = getattr(wall, "area", None)
+            area = wall.film_area
             size = 1.0
-            if isinstance(area, FilmArea):
+            if area is not None:
                 moving = self._network.geometry.area(area)
                 size = moving.aperture(self._h)
                 gradient = moving.aperture_gradient(self._h)
@@ -397,9 +397,10 @@ def _constant_wall(temperature: Number, conductance: Number) -> Any:
 
 def _factor_of(opening: Discharge) -> str:
     """Name of the number by which the area of an opening is multiplied; empty if it has none."""
-    for name in ("discharge_coefficient", "accommodation"):
-        if isinstance(getattr(opening, name, None), int | float):
-            return name
+    name = opening.coefficient
+    # A table has no derivative.
+    if name and isinstance(getattr(opening, name), int | float):
+        return name
     return ""
 
 
@@ -410,9 +411,9 @@ def _coefficient_of(wall: Wall) -> tuple[str, str]:
         not callable(wall.temperature),
         f"'{wall.name}' has no gradient: its temperature is a function; give a number.",
     )
-    for name, unit in (("conductance", "W/K"), ("coefficient", "W/(m² K)")):
-        if isinstance(getattr(wall, name, None), int | float):
-            return name, unit
+    name, unit = wall.proportional_to
+    if name and isinstance(getattr(wall, name), int | float):
+        return name, unit
     raise InputError(
         f"'{wall.name}' has no gradient: its heat transfer coefficient is a function; "
         "give a number."

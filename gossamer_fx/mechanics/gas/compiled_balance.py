@@ -31,7 +31,6 @@ from gossamer_fx.mechanics.gas.balance import (
     Passage,
     Rates,
 )
-from gossamer_fx.mechanics.gas.contract import IsentropicOpening
 from gossamer_fx.mechanics.gas.mixture import Contents
 
 HEADER = Path(__file__).parent / "kernels" / "balance.h"
@@ -44,7 +43,7 @@ def compile_balance(
     laminar = []
     for passage in passages:
         opening = passage.opening
-        found = opening.isentropic_range if isinstance(opening, IsentropicOpening) else None
+        found = opening.isentropic_range
         if found is not None:
             laminar.append(found)
     has_one_law = len(laminar) == len(passages) and not walls

@@ -1,20 +1,24 @@
-"""The protocols that the items of a gas network fulfil: volumes, boundaries, openings and walls.
+"""The base classes of the items of a gas network: gases, volumes, boundaries, openings and walls.
 
-`network.GasNetwork` finds the items of a scene by these protocols and knows no class behind them.
-A new kind of valve is therefore a class with the members of `Opening`; nothing else has to change.
+`network.GasNetwork` finds the items of a scene by these bases and knows no class behind them.  A
+new kind of valve is therefore a class that is derived from `Opening`; nothing else has to change.
+What an item has in its constructor, such as a name, is an annotation here and no property, so that
+frozen dataclasses can have it as a field.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar
 
 import numpy as np
 
 from gossamer_fx.core.algebra.dual_numbers import Number
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, Enclosure
+from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.surface import Geometry
 
 # Effective area C_d A [m²] of a step, a function of its length h [s] and of the time [s] of its
@@ -29,44 +33,46 @@ Conductance = Callable[[Number], Number]
 WallState = Callable[[float], tuple[Number, Conductance]]
 
 
-# Members are properties so that frozen dataclasses fulfil the protocols: a network reads them only.
-@runtime_checkable
-class Gas(Protocol):
+class Gas(ABC):
     """A thermally perfect gas, p V = m R T and U = m u(T), or a mixture of such gases.
 
     Its functions take the temperature T [K], a real, complex or dual number: the network takes
     their derivatives by complex steps, gradients by dual numbers.
+
+    Attributes:
+        name: in messages and outputs.
+        R: specific gas constant [J/(kg K)].
+        fractions: mass fractions of the species; their sum is one.
     """
 
-    @property
-    def name(self) -> str:
-        """Name in messages and outputs."""
-
-    @property
-    def R(self) -> Number:
-        """Specific gas constant [J/(kg K)]."""
+    name: str
+    R: Number
+    # A pure gas: all of its mass is of one species.
+    fractions: Sequence[Number] = (1.0,)
 
     @property
     def species(self) -> tuple[Gas, ...]:
         """The pure gases that it consists of; of a pure gas the gas itself."""
+        return (self,)
 
     @property
-    def fractions(self) -> Sequence[Number]:
-        """Mass fractions of the species; their sum is one."""
-
-    @property
+    @abstractmethod
     def constant_heat_ratio(self) -> float | None:
         """γ = c_p/c_v if it is the same at all temperatures, so that U = p V/(γ - 1)."""
 
+    @abstractmethod
     def heat_ratio(self, T: Number) -> Number:
         """γ = c_p/c_v at a temperature."""
 
+    @abstractmethod
     def heat_capacity(self, T: Number) -> Number:
         """c_v [J/(kg K)]."""
 
+    @abstractmethod
     def energy(self, T: Number) -> Number:
         """u [J/kg], positive, with du/dT = c_v."""
 
+    @abstractmethod
     def enthalpy(self, T: Number) -> Number:
         """u + R T [J/kg]."""
 
@@ -107,72 +113,72 @@ class Holder:
     USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE, "pressure": USUAL_PRESSURE}
 
 
-@runtime_checkable
-class Volume(Protocol):
+class Volume:
     """A control volume: gas with a mass and an energy that change, e.g. a chamber or a tank.
 
-    The members are its initial state and its geometry.  The state in a run is `run.chamber(name)`.
+    The attributes are its initial state and its geometry.  The state in a run is
+    `run.chamber(name)`.
+
+    Attributes:
+        name: in messages, outputs and `run.chamber`.
+        initial_pressure: absolute, at the start [Pa].
+        initial_temperature: at the start [K].
+        gas: the gas or mixture at the start.
+        fixed_volume: rigid part of the volume [m³], added to that of the enclosure.
+        enclosure: the film or piston that bounds the volume; None for a rigid one.
+        outside: what acts on the outer side of the enclosure; None for a vacuum.
     """
 
-    @property
-    def name(self) -> str:
-        """Name in messages, outputs and `run.chamber`."""
-
-    @property
-    def initial_pressure(self) -> float:
-        """Absolute pressure at the start [Pa]."""
-
-    @property
-    def initial_temperature(self) -> float:
-        """Temperature at the start [K]."""
-
-    @property
-    def gas(self) -> Gas:
-        """The gas or mixture at the start."""
-
-    @property
-    def fixed_volume(self) -> float:
-        """Rigid part of the volume [m³], added to that of the enclosure."""
-
-    @property
-    def enclosure(self) -> Enclosure | None:
-        """The film or piston that bounds the volume; None for a rigid one."""
-
-    @property
-    def outside(self) -> Holder | None:
-        """What acts on the outer side of the enclosure; None for a vacuum."""
+    name: str
+    initial_pressure: float
+    initial_temperature: float
+    gas: Gas
+    fixed_volume: float
+    enclosure: Enclosure | None
+    outside: Holder | None
 
 
-@runtime_checkable
-class Opening(Protocol):
+class Opening(ABC):
     """A connection through which gas flows between two volumes or boundaries.
 
     `Orifice` is one.  Which arguments its constructor takes does not matter here.
+
+    Attributes:
+        name: in messages.
+        a: the end from which a positive flow comes.
+        b: the end to which a positive flow goes.
+        is_driven: whether its flow does not vanish at equal pressures, as of an inflator or a
+            blower.
     """
 
-    @property
-    def name(self) -> str:
-        """Name in messages."""
+    name: str
+    a: Holder | Volume
+    b: Holder | Volume
+    is_driven: ClassVar[bool] = False
 
     @property
-    def a(self) -> Holder | Volume:
-        """The end from which a positive flow comes."""
+    def carried_gas(self) -> Gas | None:
+        """The gas that flows, whatever the ends hold; None: that of the end from which it comes."""
+        return None
 
     @property
-    def b(self) -> Holder | Volume:
-        """The end to which a positive flow goes."""
+    def isentropic_range(self) -> float | None:
+        """The argument `laminar` of `isentropic_flow`, if that is its flow, which C code may then
+        compute; None for another law."""
+        return None
 
+    @abstractmethod
     def aperture(self, geometry: Geometry) -> Aperture:
         """The effective area C_d A [m²] in a running scene, as a function of step length and time.
         An opening without an area returns its scale instead, which `flow` gets as `area`."""
 
+    @abstractmethod
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
 
-        The flow has the mixture and the enthalpy of the end that it comes from; that of an opening
-        with an attribute `gas` is of this gas alone.  It must be analytic in p, T and the
-        properties of the gases where it is smooth: the network takes derivatives by complex
-        steps.
+        The flow has the mixture and the enthalpy of the end that it comes from, or is of
+        `carried_gas` alone.  It must be analytic in p, T and the properties of the gases where it
+        is smooth: the network takes derivatives by complex steps.
 
         Args:
             gases: the gases at the ends a and b.
@@ -182,64 +188,57 @@ class Opening(Protocol):
         """
 
 
-@runtime_checkable
-class Switch(Opening, Protocol):
+class Switch(Opening):
     """An opening that is open or closed in a whole step, by the pressures at its start: valves and
-    burst vents.  Whether it was open is part of the state of a run."""
+    burst vents.  Whether it was open is part of the state of a run.
 
-    @property
-    def starts_open(self) -> bool:
-        """Whether it is open at the start of a run."""
+    Attributes:
+        starts_open: whether it is open at the start of a run.
+    """
 
+    starts_open: bool
+
+    @abstractmethod
     def is_open(self, was_open: bool, p: tuple[float, float]) -> bool:
         """Whether it is open in the coming step; p [Pa] are the pressures of the ends a and b."""
 
 
-@runtime_checkable
-class DrivenOpening(Opening, Protocol):
-    """An opening whose flow does not vanish at equal pressures: an inflator or a blower."""
+class Discharge(Opening):
+    """An opening with a geometric area A, whose effective area is C A.  Gradients know derivatives
+    by these two; of another opening they know none by its numbers.
 
-    is_driven: ClassVar[bool]
+    Attributes:
+        area: a number [m²], a function of time [s], a `ring.Ring` or a `film_area.FilmArea`.
+        coefficient: name of the attribute C, a number; empty if C is one.
+    """
 
-
-@runtime_checkable
-class Discharge(Opening, Protocol):
-    """An opening with a geometric area A, and perhaps a number `discharge_coefficient` or
-    `accommodation` C, whose effective area is C A.  Gradients know derivatives by these two; of
-    another opening they know none by its numbers."""
-
-    @property
-    def area(self) -> object:
-        """A number [m²], a function of time [s], a `ring.Ring` or a `film_area.FilmArea`."""
+    area: object
+    coefficient: ClassVar[str] = ""
 
 
-@runtime_checkable
-class IsentropicOpening(Opening, Protocol):
-    """An opening whose flow the C code of `compiled_balance` may compute."""
-
-    @property
-    def isentropic_range(self) -> float | None:
-        """The argument `laminar` of `isentropic_flow`, if that is its flow; None for another
-        law."""
-
-
-@runtime_checkable
-class Wall(Protocol):
+class Wall(ABC):
     """Something of known temperature that exchanges heat with a volume: a wall, or what is
-    outside of a film."""
+    outside of a film.
+
+    Attributes:
+        name: in messages.
+        chamber: the volume that the wall heats or cools.
+        temperature: of the wall [K], a number or a function of the run.
+        proportional_to: name and unit of the attribute, a number, to which the conductance is
+            proportional, and by which gradients have a derivative; empty if there is none.
+    """
+
+    name: str
+    chamber: Volume
+    temperature: object
+    proportional_to: ClassVar[tuple[str, str]] = ("", "")
 
     @property
-    def name(self) -> str:
-        """Name in messages."""
+    def film_area(self) -> FilmArea | None:
+        """The area to which the conductance is proportional if it moves with a film, else None."""
+        return None
 
-    @property
-    def chamber(self) -> Volume:
-        """The volume that the wall heats or cools."""
-
-    @property
-    def temperature(self) -> object:
-        """Temperature of the wall [K], a number or a function of the run."""
-
+    @abstractmethod
     def compile(self, geometry: Geometry) -> WallState:
         """Temperature and conductance (heat transfer coefficient times area) of the wall in a
         running scene, as a function of the step.  Collective, as is that function."""

@@ -16,10 +16,11 @@ gas pulls it inwards.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -79,31 +80,35 @@ class CompiledEnclosure(Protocol):
     def of_swept(self) -> Array: ...
 
 
-@runtime_checkable
-class Enclosure(Protocol):
+class Enclosure(ABC):
     """What bounds a chamber, as an item of a scene."""
 
     @property
+    @abstractmethod
     def films(self) -> Sequence[Membrane]:
         """The films that bound the chamber, on which outputs show the pressure; none for a
         piston."""
 
     @property
+    @abstractmethod
     def whole_films(self) -> Sequence[Membrane]:
         """Films of which all triangles bound the chamber, so that no second chamber may use
         them."""
 
+    @abstractmethod
     def cells(self, film: Membrane) -> np.ndarray:
         """Local triangles (owned and ghost) of one of its films that bound the chamber."""
 
+    @abstractmethod
     def requires(self) -> Iterable[Any]:
         """The bodies that join the scene with the chamber."""
 
+    @abstractmethod
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
         """The enclosure in a running scene; `geometry` has what several enclosures share."""
 
 
-class FilmEnclosure:
+class FilmEnclosure(Enclosure):
     """The volume inside a film and the strips over its rings: V = ⅓∫x·n dA, n the deformed area
     vector.
 
@@ -261,7 +266,7 @@ class CompiledSurface:
 
 
 @check_arguments
-class Piston:
+class Piston(Enclosure):
     """The volume A n·(x - x0) that a point of a body sweeps from x0, where the body was made.
 
     Args:

@@ -12,11 +12,12 @@ from typing import Annotated, ClassVar
 from gossamer_fx.core.algebra.dual_numbers import Number, log
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.gas.contract import Gas
 
 
 @check_arguments
 @dataclass(frozen=True)
-class IdealGas:
+class IdealGas(Gas):
     """A calorically perfect ideal gas: p V = m R T and U = m c_v T = p V/(γ - 1).
 
     Args:
@@ -37,17 +38,10 @@ class IdealGas:
     gamma: Annotated[float, Range(1.0, above=True)]
     R: Annotated[float, positive("J/(kg K)")]
     name: str = "gas"
-    # All of its mass is of one species.
-    fractions = (1.0,)
     USUAL: ClassVar = {
         "gamma": (1.01, 1.7, "", "is it in per cent?"),
         "R": (10.0, 5e3, "J/(kg K)", "is it in kJ/(kg K), or of a mole?"),
     }
-
-    @property
-    def species(self) -> tuple[IdealGas]:
-        """The gas itself."""
-        return (self,)
 
     # Asked for each flow: computed once
     @cached_property
@@ -89,7 +83,7 @@ COEFFICIENTS = 7
 
 @check_arguments
 @dataclass(frozen=True)
-class PolynomialGas:
+class PolynomialGas(Gas):
     """A gas with p V = m R T and a specific heat that is a NASA polynomial in each range of T:
 
         c_p/R = a_1 T^-2 + a_2 T^-1 + a_3 + a_4 T + a_5 T² + a_6 T³ + a_7 T⁴                   (1)
@@ -124,8 +118,6 @@ class PolynomialGas:
     enthalpy_298: Annotated[float, positive("J/kg")]
     name: str = "gas"
     USUAL: ClassVar = {"R": (10.0, 5e3, "J/(kg K)", "is it in kJ/(kg K), or of a mole?")}
-    # All of its mass is of one species.
-    fractions = (1.0,)
 
     def __post_init__(self) -> None:
         limits = self.temperatures
@@ -149,11 +141,6 @@ class PolynomialGas:
                 f"Gas '{self.name}': c_v is {self.heat_capacity(T):.4g} J/(kg K) at {T:.6g} K; "
                 "check the coefficients.",
             )
-
-    @property
-    def species(self) -> tuple[PolynomialGas]:
-        """The gas itself."""
-        return (self,)
 
     @property
     def constant_heat_ratio(self) -> None:

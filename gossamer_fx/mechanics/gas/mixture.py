@@ -27,15 +27,20 @@ SUM_TOLERANCE = 1e-6
 MAX_ITERATIONS = 50
 
 
-class Blend:
+class Blend(Gas):
     """Properties of species in given amounts, numbers of any kind in any unit of mass."""
 
     def __init__(self, species: Sequence[Gas], amounts: Sequence[Number], name: str) -> None:
         total = sum(amounts)
         self.name = name
-        self.species = tuple(species)
+        self._species = tuple(species)
         self.fractions: Sequence[Number] = [amount / total for amount in amounts]
         self.R = self._mean([gas.R for gas in species])
+
+    @property
+    def species(self) -> tuple[Gas, ...]:
+        """The gases that are mixed."""
+        return self._species
 
     @property
     def constant_heat_ratio(self) -> float | None:

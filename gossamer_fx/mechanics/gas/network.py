@@ -45,7 +45,6 @@ from gossamer_fx.mechanics.gas.balance import (
 from gossamer_fx.mechanics.gas.compiled_balance import compile_balance
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
-    DrivenOpening,
     Gas,
     Holder,
     Opening,
@@ -557,7 +556,7 @@ def _passages(
             _boundary_gas(opening.a, opening.b, contents),
             _boundary_gas(opening.b, opening.a, contents),
         )
-        carried = getattr(opening, "gas", None)
+        carried = opening.carried_gas
         rows = []
         for source, gas in zip(ends, gases, strict=True):
             found_gas = carried or gas
@@ -570,7 +569,7 @@ def _passages(
             carried=carried,
             rows=rows,
             aperture=opening.aperture(geometry),
-            is_driven=isinstance(opening, DrivenOpening),
+            is_driven=opening.is_driven,
         )
         if isinstance(opening, Switch):
             passage.was_open = opening.starts_open

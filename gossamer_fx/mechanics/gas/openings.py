@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -28,11 +28,15 @@ from gossamer_fx.mechanics.gas.balance import Passage
 from gossamer_fx.mechanics.gas.contract import (
     Aperture,
     Conductance,
+    Discharge,
     Gas,
     Gases,
     Holder,
+    Opening,
     Pair,
+    Switch,
     Volume,
+    Wall,
     WallState,
 )
 from gossamer_fx.mechanics.gas.film_area import FilmArea
@@ -43,7 +47,7 @@ from gossamer_fx.mechanics.gas.volumes import Chamber
 
 
 @dataclass(frozen=True, eq=False)
-class Connection:
+class Connection(Opening):
     """An opening between two different ends a and b, the part that the classes of openings share;
     its area, if it has one, may be that of a part of a film."""
 
@@ -63,9 +67,8 @@ class Connection:
         yield self.a
         yield self.b
         # A ring or the area of a film joins the scene with its film.
-        area: Any = getattr(self, "area", None)
-        if hasattr(area, "requires"):
-            yield from area.requires()
+        if isinstance(self, Discharge) and isinstance(self.area, Ring | FilmArea):
+            yield from self.area.requires()
 
 
 class PassiveOpening(Connection):
@@ -175,7 +178,7 @@ def isentropic_flow(gas: Gas, pu: complex, Tu: complex, pd: complex, laminar: fl
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Orifice(PassiveOpening):
+class Orifice(PassiveOpening, Discharge):
     """An opening between two volumes of gas; gas flows either way by `isentropic_flow`.
 
     Args:
@@ -202,6 +205,7 @@ class Orifice(PassiveOpening):
     # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
     laminar: Laminar = 1e-5
     name: str = "orifice"
+    coefficient: ClassVar = "discharge_coefficient"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -281,7 +285,7 @@ def _area_at(comm: MPI.Intracomm, area: Callable[[float], float], t: float, user
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class WallHeat:
+class WallHeat(Wall):
     """A wall of constant temperature that heats or cools a chamber: Q = conductance (T_wall - T)
     [W].
 
@@ -306,6 +310,7 @@ class WallHeat:
     temperature: Annotated[float, positive("K")]
     name: str = "wall"
     scalar_unknowns = GasNetwork
+    proportional_to: ClassVar = ("conductance", "W/K")
 
     def requires(self) -> Iterable[Any]:
         yield self.chamber
@@ -317,7 +322,7 @@ class WallHeat:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Valve(Orifice):
+class Valve(Orifice, Switch):
     """An orifice that opens and closes by the difference of the pressures of a and b, or by events.
 
     It is open or closed in a whole step, by the state at the start of the step.  A relief valve has
@@ -393,7 +398,7 @@ class Valve(Orifice):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class PorousFilm(PassiveOpening):
+class PorousFilm(PassiveOpening, Discharge):
     """A film through which gas leaks by its deformed area and the difference of pressures Δp:
 
         Δp = viscous · v + inertial · v²,     ṁ = ρ A v
@@ -600,7 +605,7 @@ def _value(number: Number) -> Number:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class FilmHeat:
+class FilmHeat(Wall):
     """Heat between the gas of a chamber and its surroundings through the deformed film:
 
         Q = h A (T_outside - T)
@@ -648,6 +653,12 @@ class FilmHeat:
     temperature: Annotated[float, positive("K")] | Callable[[HasSystem], float]
     name: str = "heat through film"
     scalar_unknowns = GasNetwork
+    proportional_to: ClassVar = ("coefficient", "W/(m² K)")
+
+    @property
+    def film_area(self) -> FilmArea:
+        """The given area."""
+        return self.area
 
     def requires(self) -> Iterable[Any]:
         yield self.chamber

@@ -35,7 +35,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, SewnEdges, shape_functions
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, CompiledSurface
+from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, CompiledSurface, Enclosure
 from gossamer_fx.mechanics.gas.film_area import all_triangles
 from gossamer_fx.mechanics.gas.patches import Patches, Side, Triangles, is_owned
 from gossamer_fx.mechanics.gas.ring import QUADRATURE_DEGREE_ACROSS, quadrature
@@ -102,7 +102,7 @@ def _edges_of(line: EdgeLine, begins: Array, ends: Array) -> tuple[np.ndarray, A
     return edges, (begins - start) / width, (ends - start) / width
 
 
-class SewnEnclosure:
+class SewnEnclosure(Enclosure):
     """The volume inside films, each as a whole, that are sewn together along all of their open
     edges."""
 
@@ -112,9 +112,14 @@ class SewnEnclosure:
             f"Chamber '{chamber}': several films are given without seams; "
             "give the seams that close them.",
         )
-        self.films = tuple(films)
+        self._films = tuple(films)
         self.seams = tuple(seams)
         self.chamber = chamber
+
+    @property
+    def films(self) -> Sequence[Membrane]:
+        """The films that are sewn."""
+        return self._films
 
     @property
     def whole_films(self) -> Sequence[Membrane]:

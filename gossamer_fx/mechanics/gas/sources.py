@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import KW_ONLY, dataclass
-from functools import cached_property
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
@@ -18,9 +17,11 @@ from gossamer_fx.mechanics.gas.contract import (
     USUAL_PRESSURE,
     USUAL_TEMPERATURE,
     Aperture,
+    Discharge,
     Gas,
     Gases,
     Holder,
+    Opening,
     Pair,
     Volume,
 )
@@ -55,7 +56,7 @@ class Blower(Connection):
     _: KW_ONLY
     curve: LinearTable
     name: str = "blower"
-    is_driven = True
+    is_driven: ClassVar = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -123,7 +124,7 @@ class _Jet(Holder):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Inflator:
+class Inflator(Opening):
     """A source of gas whose mass flow does not depend on the pressure of its chamber.
 
     A mixture that changes in time is given as an inflator for each of its gases.
@@ -152,14 +153,19 @@ class Inflator:
     mass_flow: Annotated[float, not_negative("kg/s")] | Callable[[float], float]
     temperature: Annotated[float, positive("K")] | Callable[[float], float]
     name: str = "inflator"
-    is_driven = True
+    # The end from which the gas comes.
+    a: _Jet = field(init=False, repr=False)
+    is_driven: ClassVar = True
     scalar_unknowns = GasNetwork
     USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE, "mass_flow": USUAL_MASS_FLOW}
 
-    @cached_property
-    def a(self) -> _Jet:
-        """The end from which the gas comes."""
-        return _Jet(self.name, self.gas)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "a", _Jet(self.name, self.gas))
+
+    @property
+    def carried_gas(self) -> Gas:
+        """The given gas."""
+        return self.gas
 
     def requires(self) -> Iterable[Any]:
         yield self.b
@@ -235,7 +241,7 @@ class Antoine:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Sublimation:
+class Sublimation(Discharge):
     """A powder or liquid of given temperature that evaporates into a chamber, or condenses from it,
     by the law of Hertz and Knudsen:
 
@@ -273,7 +279,10 @@ class Sublimation:
     area: Annotated[float, positive("m²")]
     accommodation: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
     name: str = "powder"
+    # The saturated vapour at the powder, the end from which gas comes.
+    a: Ambient = field(init=False, repr=False)
     scalar_unknowns = GasNetwork
+    coefficient: ClassVar = "accommodation"
     USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE, "pressure": USUAL_PRESSURE}
 
     def __post_init__(self) -> None:
@@ -281,11 +290,13 @@ class Sublimation:
             len(self.gas.species) == 1,
             f"Sublimation '{self.name}': its vapour is a mixture; give one for each species.",
         )
+        saturated = Ambient(self.pressure, self.temperature, gas=self.gas, name=self.name)
+        object.__setattr__(self, "a", saturated)
 
-    @cached_property
-    def a(self) -> Ambient:
-        """The saturated vapour at the powder, the end from which gas comes."""
-        return Ambient(self.pressure, self.temperature, gas=self.gas, name=self.name)
+    @property
+    def carried_gas(self) -> Gas:
+        """The vapour."""
+        return self.gas
 
     def requires(self) -> Iterable[Any]:
         yield self.b

@@ -11,7 +11,13 @@ from gossamer_fx.core.checks.arguments import check_arguments, not_negative, pos
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.bodies.edge_lines import SewnEdges
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.contract import USUAL_PRESSURE, USUAL_TEMPERATURE, Gas, Holder
+from gossamer_fx.mechanics.gas.contract import (
+    USUAL_PRESSURE,
+    USUAL_TEMPERATURE,
+    Gas,
+    Holder,
+    Volume,
+)
 from gossamer_fx.mechanics.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
@@ -53,7 +59,7 @@ class Ambient(Holder):
 
 
 @check_arguments
-class Chamber:
+class Chamber(Volume):
     """A volume of well mixed ideal gas that a closed film, a piston or rigid walls enclose.
 
     Mass and energy balance of the chamber:
