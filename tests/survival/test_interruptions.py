@@ -58,7 +58,8 @@ def test_a_signal_before_the_first_step_leaves_a_checkpoint(
     folder = tmp_path / "run"
     said = command(folder, "scene", "--ranks", str(ranks), "--quiet", number=number)
     assert said.returncode == 128 + signal.Signals[number], said.stderr
-    assert "at t = 0 s, after step 0; restart from" in said.stderr and "--restart" in said.stderr
+    assert f"stopped by {number} at t = 0 s, after step 0; restart from" in said.stderr
+    assert "--restart" in said.stderr
     assert "Traceback" not in said.stderr
     assert [path.name for path in (folder / "checkpoints").iterdir()] == ["step-00000000"]
     assert command(folder, "none", "--restart").returncode == 0

@@ -30,6 +30,7 @@ from gossamer_fx.core.checks.errors import (
     check,
     output_failures,
 )
+from gossamer_fx.core.checks.strange_files import read_json
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.version import VERSION
@@ -275,7 +276,7 @@ def read_result(path: Path) -> Result | None:
         InputError: the file is not the result of a case.
     """
     try:
-        return Result(**json.loads(path.read_text(encoding="utf-8")))
+        return Result(**read_json(path, path.parent))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, RecursionError) as error:
@@ -309,7 +310,7 @@ def read_results(path: Path, name: str) -> list[Result]:
         InputError: the file does not hold results of the cases of this name.
     """
     try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
+        stored = read_json(path)
         is_right = stored["format"] == FORMAT and stored["name"] == name
         results = [Result(**one) for one in stored["results"]] if is_right else []
     except FileNotFoundError:

@@ -62,7 +62,7 @@ from gossamer_fx.analysis.vibration.spectrum import UNKNOWN, count_unstable
 from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.records.outputs.output import Output
+from gossamer_fx.records.outputs.output import Output, evaluate_probe
 from gossamer_fx.records.outputs.static_records import OpenedOutputs
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.convergence import Tolerances
@@ -889,6 +889,11 @@ class _Follower:
         self.view.iterations = self._iterations
         self.view.seconds += time.process_time() - started
 
+    def _measured(self, name: str, probe: Measure) -> float:
+        """The value of a probe at the last point; `InputError` unless it is a finite number, the
+        same on all ranks.  Collective."""
+        return evaluate_probe(self._equilibrium, f"Probe '{name}'", probe)
+
     def follow(
         self,
         until: float,
@@ -902,7 +907,7 @@ class _Follower:
         self._until = until
         self._sign = math.copysign(1.0, until - self._last.factor)
         points = [self._last]
-        measured = {name: [float(probe(self._equilibrium))] for name, probe in probes.items()}
+        measured = {name: [self._measured(name, probe)] for name, probe in probes.items()}
         write()
         limit_points = []
         branch_points = []
@@ -920,7 +925,7 @@ class _Follower:
             self._show(point, started)
             points.append(point)
             for name, probe in probes.items():
-                measured[name].append(float(probe(self._equilibrium)))
+                measured[name].append(self._measured(name, probe))
             write()
             growth = math.sqrt(WANTED_ITERATIONS / max(point.iterations, 1))
             length = max(point.length, SHARE_OF_SHORT_STEP * self._length)

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_STEP_ID")
 
 
+# Digits of a whole number on the command line.
+_MAX_DIGITS = 18
+
+
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence."""
 
@@ -109,7 +113,7 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
         return 1
 
     from gossamer_fx.app.cli.user_files import end_program
-    from gossamer_fx.core.checks.ending import abort_on_lone_error
+    from gossamer_fx.core.checks.ending import abort_on_lone_error, raise_ctrl_c
     from gossamer_fx.core.checks.errors import (
         InputError,
         NoEquilibrium,
@@ -121,7 +125,10 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
     comm = MPI.COMM_WORLD
     if comm.size > 1:
         # The launcher hands Ctrl-C on as this signal.
-        signal.signal(signal.SIGUSR2, signal.default_int_handler)
+        signal.signal(signal.SIGUSR2, raise_ctrl_c)
+    # A shell lets what it starts in the background ignore Ctrl-C.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, raise_ctrl_c)
     if _ranks_are_alone(comm):
         return 1
     try:
@@ -367,7 +374,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _positive(word: str) -> int:
     """A positive whole number from a word of the command line."""
-    if not word.isdecimal() or int(word) < 1:
+    if not word.isdecimal() or len(word) > _MAX_DIGITS or int(word) < 1:
         raise argparse.ArgumentTypeError(f"'{word}' is not a positive number")
     return int(word)
 
@@ -411,7 +418,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     elif wanted.restart:
         restart = (
             saves / f"step-{int(wanted.restart):08d}"
-            if wanted.restart.isdecimal()
+            if wanted.restart.isdecimal() and len(wanted.restart) <= _MAX_DIGITS
             else Path(wanted.restart)
         )
     changes = [name for name in wanted.changed.split(",") if name]

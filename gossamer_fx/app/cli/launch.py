@@ -17,6 +17,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -24,7 +25,7 @@ from threading import Thread
 from types import FrameType
 from typing import BinaryIO, cast
 
-from gossamer_fx.core.checks.ending import end_with_parent
+from gossamer_fx.core.checks.ending import TERMINATED, end_with_parent
 
 # Open MPI puts each of its messages between two lines of dashes.
 RULE = b"-" * 74
@@ -37,6 +38,8 @@ REPETITIONS = (
     b"MPI_ABORT was invoked on rank",
     b'prterun has exited due to process rank N with PID N on node N calling "abort"',
 )
+# How lines begin by which a rank explains why it ends.
+EXPLANATIONS = (b"gossamer: ", b"Traceback (most recent call last)")
 # Messages of one line, which are written in one piece:
 # 1. of MPICH about MPI_Abort; it writes nothing about a code that is not zero;
 # 2. of PMIx, which starts Open MPI's ranks, where a rank that has ended cannot be told that others
@@ -61,6 +64,9 @@ class MessageFilter:
 
     Args:
         write: takes the bytes that are passed on.
+
+    Attributes:
+        is_explained: whether a rank has written an error.
     """
 
     def __init__(self, write: Callable[[bytes], object]) -> None:
@@ -69,6 +75,8 @@ class MessageFilter:
         self._removed = b""
         self._anything_passed = False
         self._after_message = False
+        self.is_explained = False
+        self._last_line = b""
 
     def feed(self, data: bytes) -> None:
         """Take more output; what cannot be part of a message is passed on at once."""
@@ -135,6 +143,9 @@ class MessageFilter:
         if data:
             self._write(data)
         self._anything_passed |= bool(data.strip())
+        self._last_line = (self._last_line + data)[-max(len(data), FIRST) - FIRST :]
+        if any(beginning in self._last_line for beginning in EXPLANATIONS):
+            self.is_explained = True
 
 
 def _may_repeat(body: bytes) -> bool:
@@ -151,19 +162,19 @@ def _repeats(body: bytes) -> bool:
     return words.startswith(REPETITIONS)
 
 
-def copy_without_repetitions(source: BinaryIO, target: BinaryIO) -> None:
+def write_to_stderr(data: bytes) -> None:
+    """Write bytes to standard error at once."""
+    sys.stderr.buffer.write(data)
+    sys.stderr.buffer.flush()
+
+
+def copy_without_repetitions(source: BinaryIO, messages: MessageFilter) -> None:
     """Copy the output of mpirun until its end, as it comes, without messages that repeat an error.
 
     Args:
         source: binary stream that is read, e.g. the standard error of mpirun.
-        target: binary stream that is written, and flushed each time.
+        messages: what passes on the output.
     """
-
-    def write(data: bytes) -> None:
-        target.write(data)
-        target.flush()
-
-    messages = MessageFilter(write)
     while data := source.read1():  # type: ignore[attr-defined]
         messages.feed(data)
     messages.close()
@@ -234,19 +245,23 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     stdin = None
     if os.isatty(0):
         stdin = subprocess.DEVNULL
+    folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+    terminated = Path(folder.name) / "terminated"
     run = subprocess.Popen(
         [mpirun, "-n", str(ranks), sys.executable, *program],
         stdin=stdin,
         stderr=subprocess.PIPE,
         start_new_session=True,
         preexec_fn=end_child_with_parent,
-        env=child_environment(),
+        env=child_environment() | {TERMINATED: str(terminated)},
     )
     heard: list[int] = []
 
     def hand_on(number: int, frame: FrameType | None) -> None:
         """Pass a signal to mpirun: the first one as one at which a run ends with its step."""
         heard.append(number)
+        if number == signal.SIGTERM:
+            terminated.touch()
         if len(heard) == 1:
             run.send_signal(_HANDED_ON[number])
         else:
@@ -254,11 +269,21 @@ def launch(ranks: int, program: Sequence[str]) -> int:
 
     for number in _HANDED_ON:
         signal.signal(number, hand_on)
-    streams = (cast(BinaryIO, run.stderr), sys.stderr.buffer)
-    words = Thread(target=copy_without_repetitions, args=streams, daemon=True)
+    messages = MessageFilter(write_to_stderr)
+    copied = (cast(BinaryIO, run.stderr), messages)
+    words = Thread(target=copy_without_repetitions, args=copied, daemon=True)
     words.start()
     code = run.wait()
     words.join(_LAST_WORDS)
+    folder.cleanup()
+    if code and not heard and not messages.is_explained:
+        print(
+            f"gossamer: a rank has ended by itself, with the code {code}, and the others with it; "
+            "look for os._exit, or for a library that breaks off, in what it called, and go on "
+            "from the last checkpoint, if there is one, with --restart.",
+            file=sys.stderr,
+            flush=True,
+        )
     if code < 0:
         return 128 - code
     if heard and code:
@@ -310,7 +335,7 @@ def main(words: Sequence[str]) -> int:
     Returns:
         Exit code of the program; 2, with a message, if the words have another form.
     """
-    complete = len(words) >= 2
+    complete = len(words) >= 2 and len(words[0]) < 10
     if not complete or not words[0].isdecimal() or int(words[0]) < 1:
         print(
             "gossamer: mpi needs a number of ranks, then a script: ./gossamer mpi 2 script.py; "

@@ -14,6 +14,7 @@ from gossamer_fx.analysis.cases.case_runs import Build, CaseRuns
 from gossamer_fx.app.cli.user_files import check_arguments_of, option, value_of
 from gossamer_fx.app.sweep.factorial import Factorial
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.core.checks.strange_files import open_file, read_json
 from gossamer_fx.records.outputs.output import make_parent, replace_file
 
 
@@ -67,12 +68,15 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
             OutputFailure: the checksum cannot be written.
             OSError: a file cannot be read.
         """
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        with open_file(path) as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
         mark = folder / "scene.json"
         make_parent(MPI.COMM_SELF, mark)
         if mark.is_file():
             try:
-                about = dict(json.loads(mark.read_text(encoding="utf-8")))
+                about = dict(read_json(mark, folder))
+            except InputError:
+                raise
             except (ValueError, TypeError) as error:
                 raise InputError(f"'{mark}' is damaged ({error}); remove the folder.") from error
             check(

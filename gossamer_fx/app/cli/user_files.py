@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from gossamer_fx.core.checks.ending import Interrupted
+from gossamer_fx.core.checks.ending import CtrlC, Interrupted
 from gossamer_fx.core.checks.errors import (
     InputError,
     NoEquilibrium,
@@ -54,7 +54,8 @@ def value_of(text: str) -> Any:
         return text.lower() == "true"
     try:
         return ast.literal_eval(text)
-    except (ValueError, SyntaxError):
+    # What cannot be a key of a dictionary is a TypeError; a text may be nested without end.
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         return text
 
 
@@ -161,9 +162,9 @@ def guarded[T](
     try:
         return act()
     # Their messages are sentences already, and a full disk is not an error of the file.
-    except (InputError, StepFailure, NoEquilibrium, OutputFailure, Interrupted):
+    except (InputError, StepFailure, NoEquilibrium, OutputFailure, Interrupted, CtrlC):
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         if debug:
             raise
         # The innermost line that is in the user's file: the one to correct.

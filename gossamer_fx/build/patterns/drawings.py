@@ -22,6 +22,7 @@ from scipy.spatial import KDTree
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, are_usual_sizes, check, on_rank_zero
+from gossamer_fx.core.checks.strange_files import open_file
 from gossamer_fx.core.mesh.gmsh_reader import TIME_LIMIT, check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, built
 from gossamer_fx.core.model.body import Array, Indices
@@ -186,8 +187,13 @@ def _read(path: Path, scale: float | None) -> Drawing:
         ) from None
     # ezdxf raises all kinds of errors on a damaged file.
     try:
+        with open_file(path):
+            # Refused here, if it is not a file that can be read as a whole.
+            pass
         document: Any = ezdxf.readfile(str(path))  # type: ignore[attr-defined, unused-ignore]
         unit = int(document.header.get("$INSUNITS", 0))
+    except InputError:
+        raise
     except Exception as error:
         raise InputError(f"The drawing '{path}' cannot be read as DXF; save it again.") from error
     check(
@@ -195,16 +201,24 @@ def _read(path: Path, scale: float | None) -> Drawing:
         f"The drawing '{path}' does not say its unit; give scale, the metres in one of its units.",
     )
     drawing = Drawing()
-    for entity in _pieces(document.modelspace(), str(path)):
-        kind = entity.dxftype()
-        try:
+    kind = "curve or text"
+    layer = ""
+    try:
+        for entity in _pieces(document.modelspace(), str(path)):
+            kind = entity.dxftype()
+            layer = ""
+            # Entities that are not drawn may have no layer.
+            if entity.dxf.is_supported("layer"):
+                layer = f" on the layer '{entity.dxf.layer}'"
             _take(entity, scale or UNITS[unit], drawing)
-        except Exception as error:
-            words = " ".join(str(error).split())
-            raise InputError(
-                f"The drawing '{path}' has a {kind} on the layer '{entity.dxf.layer}' that is "
-                f"damaged ({words}); draw it again."
-            ) from error
+    except InputError:
+        raise
+    except Exception as error:
+        words = " ".join(str(error).split())
+        raise InputError(
+            f"The drawing '{path}' has a {kind}{layer} that is damaged, or what follows it "
+            f"({words}); draw it again."
+        ) from error
     return drawing
 
 
@@ -258,6 +272,9 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
     """Add an entity of a DXF file to a drawing, if it is a curve or a text; `ValueError`: it is a
     curve without length, or its numbers are not finite."""
     kind = entity.dxftype()
+    if kind not in ("LINE", *SMOOTH, *TEXTS):
+        drawing.left_out[kind] += 1
+        return
     layer = str(entity.dxf.layer)
     if kind == "LINE":
         points = scale * np.array([list(entity.dxf.start), list(entity.dxf.end)])
@@ -279,7 +296,7 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
             raise ValueError("it has no length")
         points = np.array([list(point) for point in drawn.flattening(tolerance, segments=16)])
         drawing.curves += _halves(DrawnCurve(scale * points, layer))
-    elif kind in TEXTS:
+    else:
         text = entity.plain_text() if kind == "MTEXT" else entity.dxf.text
         position = entity.dxf.insert
         # Of a mirrored block the coordinates of its texts are mirrored.
@@ -290,8 +307,6 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
         words = str(text).strip()
         if words:
             drawing.labels.append((words, scale * in_plane))
-    else:
-        drawing.left_out[kind] += 1
 
 
 def _check_points(points: Array) -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 # Seconds for which a rank with an error waits for the others.
-PATIENCE = 10.0
+PATIENCE = 8.0
 
 # Tag of the messages about errors, which no other part of the program uses.
 TAG = 28531
@@ -41,6 +41,16 @@ _PR_SET_PDEATHSIG = 1
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
 
+class CtrlC(KeyboardInterrupt):
+    """Ctrl-C, as a signal that all ranks get; a function of the user that raises KeyboardInterrupt
+    does so on its own rank."""
+
+
+def raise_ctrl_c(number: int, frame: FrameType | None) -> None:
+    """Handler of the signals by which Ctrl-C comes."""
+    raise CtrlC
+
+
 @contextmanager
 def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     """Context, entered by all ranks, in which an error of one rank ends the program with the exit
@@ -48,8 +58,11 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     Otherwise the other ranks would wait for messages of this rank for ever."""
     try:
         yield
-    # A function of the user may end the program on one rank, too; Ctrl-C reaches all ranks.
-    except (Exception, SystemExit) as error:
+    # Ctrl-C reaches all ranks; the command says that it has ended them.
+    except CtrlC:
+        raise
+    # A function of the user may raise anything on one rank, also what ends a program.
+    except BaseException as error:
         agree_on_error(comm, error)
         raise
 
@@ -73,11 +86,15 @@ def agree_on_error(comm: MPI.Intracomm, error: BaseException) -> None:
                 kinds.add(str(kind))
                 del awaited[r]
         if time.monotonic() > deadline or len(kinds) > 1:
-            words = "the ranks failed in different ways"
+            words = "the ranks failed in different ways, this one"
             if len(kinds) == 1:
                 words = f"rank {comm.rank} failed alone"
             traceback.print_exception(error)
-            sys.stderr.write(f"gossamer: {words}; its error is above, and the run ends.\n")
+            cause = " ".join(str(error).split()) or "no words"
+            sys.stderr.write(
+                f"gossamer: {words} by {type(error).__name__} ({cause}) in the lines above; "
+                "correct them, and go on from a checkpoint, if there is one, with --restart.\n"
+            )
             sys.stderr.flush()
             comm.Abort(1)
         # Poll, since a blocking wait could not end after `PATIENCE`.
@@ -120,7 +137,7 @@ def watch_uncaught_errors() -> None:
         sys.stderr.flush()
         from mpi4py import MPI
 
-        if isinstance(error, Exception) and MPI.Is_initialized() and not MPI.Is_finalized():
+        if not isinstance(error, CtrlC) and MPI.Is_initialized() and not MPI.Is_finalized():
             agree_on_error(MPI.COMM_WORLD, error)
 
     sys.excepthook = uncaught
@@ -129,6 +146,10 @@ def watch_uncaught_errors() -> None:
 # mpirun passes SIGUSR1 and SIGUSR2 on to its ranks; after the other two it kills them before a long
 # step ends.
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2)
+
+# Environment variable with the name of a file that exists once the launcher has got a SIGTERM, and
+# has handed it on as SIGUSR1.
+TERMINATED = "GOSSAMER_TERMINATED"
 
 # The exit code of a program that a signal ends is this number plus that of the signal.
 EXIT_CODE_OFFSET = 128
@@ -140,7 +161,8 @@ class Interrupted(SystemExit):
     If it is not caught, it ends the program with the code 128 + number of the signal.
 
     Attributes:
-        signal: the signal.  SIGUSR2, by which the launcher hands on Ctrl-C, is a SIGINT.
+        signal: the signal.  SIGUSR2, by which the launcher hands on Ctrl-C, is a SIGINT, and
+            SIGUSR1 a SIGTERM if the launcher has got that.
 
     Example:
         >>> import signal
@@ -151,6 +173,9 @@ class Interrupted(SystemExit):
     def __init__(self, number: int) -> None:
         if number == signal.SIGUSR2:
             number = signal.SIGINT
+        terminated = os.environ.get(TERMINATED)
+        if number == signal.SIGUSR1 and terminated and os.path.exists(terminated):
+            number = signal.SIGTERM
         super().__init__(EXIT_CODE_OFFSET + number)
         self.signal = signal.Signals(number)
 

@@ -16,10 +16,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.ending import CtrlC
 from gossamer_fx.core.checks.errors import LARGEST, InputError, real_numbers, wait_for_others
 
 # Seconds for which a rank with an error waits for the others.
-PATIENCE = 10.0
+PATIENCE = 8.0
 
 # Relative difference between the values of two ranks that counts as round-off.
 SAME = 1e-9
@@ -115,13 +116,15 @@ def _is_below_limit(numbers: Numbers) -> bool:
 
 def _call(function: Callable[[], Any]) -> tuple[Any, str, BaseException | None]:
     """Call a function of the user.  Returns the result, None after an exception; the problem in
-    words, empty if there is none; and the exception.  `KeyboardInterrupt` is not caught."""
+    words, empty if there is none; and the exception.  Ctrl-C is not caught."""
     try:
         return function(), "", None
     except InputError as error:
         return None, str(error), error
+    except CtrlC:
+        raise
     # A function of the user may raise anything, and may end the program on one rank alone.
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         words = " ".join(str(error).split()) or "no words"
         return None, f"it raises {type(error).__name__} ({words}); correct its function.", error
 
@@ -152,7 +155,7 @@ def _agree(
     within `PATIENCE` seconds, a rank with a problem prints it and ends the program.
     """
     if comm.size == 1:
-        if isinstance(cause, SystemExit):
+        if cause is not None and _ends_program(cause):
             raise cause
         if problem:
             raise InputError(f"{what}: {problem}") from cause
@@ -175,7 +178,7 @@ def _agree(
     if extremes[0]:
         problems = [text for text in talk.allgather(problem) if text]
         # The program ends if all ranks say so; one rank alone has an error.
-        if talk.allreduce(isinstance(cause, SystemExit), MPI.LAND):
+        if talk.allreduce(_ends_program(cause), MPI.LAND):
             assert cause is not None
             raise cause
         raise InputError(f"{what}: {problems[0]}") from cause
@@ -187,6 +190,11 @@ def _agree(
             f"{what}: it differs from rank to rank; sum what each rank has with run.comm.allreduce."
         )
     return highest.reshape(values.shape)
+
+
+def _ends_program(cause: BaseException | None) -> bool:
+    """Whether an exception ends a program, as SystemExit and KeyboardInterrupt do."""
+    return cause is not None and not isinstance(cause, Exception)
 
 
 def _own_messages(comm: MPI.Intracomm) -> MPI.Intracomm:

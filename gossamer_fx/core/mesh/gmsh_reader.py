@@ -33,7 +33,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.checks.ending import end_with_parent
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.strange_files import open_file
 from gossamer_fx.core.mesh.quality import NO_SIZE, cell_quality
 
 Integers = npt.NDArray[np.int64]
@@ -62,6 +63,9 @@ _HEAD = 200
 _MSH = re.compile(rb"\$MeshFormat[ \t]*\r?\n[ \t]*(2\.2|4|4\.[0-9])[ \t]+[01][ \t]+8[ \t]*\r?\n")
 
 
+# What gmsh says of an STL file.
+_DROPPED = re.compile(r"(\d+) duplicate/(\d+) degenerate triangles")
+
 # Most cells of a mesh that is made here: more than the solver takes on any machine of today.
 MAX_CELLS = 20_000_000
 
@@ -84,6 +88,7 @@ class RawMesh:
         cells: rows of `points` (m, nodes) at the nodes of each cell.
         groups: for each named group its dimension, and rows of `points` (k, nodes) at the nodes of
             its entities.
+        dropped: number of triangles that gmsh has left out of files that it was given.
     """
 
     kind: str
@@ -91,6 +96,20 @@ class RawMesh:
     points: npt.NDArray[np.float64]
     cells: Integers
     groups: dict[str, tuple[int, Integers]]
+    dropped: int = 0
+
+
+def dropped_triangles() -> int:
+    """Number of triangles of STL files that gmsh has left out since its logger was started, as they
+    were there twice or had no area."""
+    import gmsh
+
+    count = 0
+    for line in gmsh.logger.get():
+        found = _DROPPED.search(line)
+        if found is not None:
+            count += int(found[1]) + int(found[2])
+    return count
 
 
 def extract(model: Any) -> RawMesh:
@@ -438,12 +457,14 @@ def _check_format(path: Path) -> None:
     """Raise `BadMesh` unless a file can be opened and begins as one in MSH format 2.2 or 4.x
     does."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             head = file.read(_HEAD)
     except OSError as error:
         raise BadMesh(
             f"'{path}' cannot be read ({error.strerror}); give a mesh file that is readable."
         ) from error
+    except InputError as error:
+        raise BadMesh(str(error)) from error
     _check(
         _MSH.match(head) is not None,
         f"'{path}' is not in MSH format 2.2 or 4.x; "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +24,7 @@ from gossamer_fx.core.mesh.gmsh_reader import (
     TIME_LIMIT,
     BadMesh,
     RawMesh,
+    dropped_triangles,
     extract,
     in_child,
     read_file,
@@ -279,15 +280,25 @@ def built(
 
         gmsh.initialize(interruptible=False)
         gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.logger.start()
         build(gmsh.model)
-        return _oriented_if(orient, extract(gmsh.model))
+        dropped = dropped_triangles()
+        return replace(_oriented_if(orient, extract(gmsh.model)), dropped=dropped)
 
     def task() -> RawMesh:
         # Any error becomes an error of all ranks; otherwise the others would wait for rank 0.
         try:
-            return in_child(raw, what, time_limit)
+            mesh = in_child(raw, what, time_limit)
         except BadMesh as error:
             raise InputError(str(error)) from error
+        if mesh.dropped:
+            LOGGER.warning(
+                "%s: gmsh has left out %d triangles of the STL file, which are there twice or have "
+                "no area; look for holes, or write the file again",
+                what,
+                mesh.dropped,
+            )
+        return mesh
 
     return _distribute_mesh(comm, on_rank_zero(comm, task))
 

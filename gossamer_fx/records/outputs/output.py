@@ -35,6 +35,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, not_negative
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, output_failures
 from gossamer_fx.core.checks.same_on_ranks import given_arguments, is_of_package
+from gossamer_fx.core.checks.strange_files import open_to_write, write_new
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Ground, Port
 from gossamer_fx.mechanics.terms.scalar_unknowns import InitialCondition
@@ -299,7 +300,13 @@ def begin(run: StateView, output: Output, cursors: list[tuple[str, dict[str, Any
     mine = next((cursor for cursor in cursors if cursor[0] == kind), None)
     if mine is not None and isinstance(output, Continued):
         cursors.remove(mine)
-        output.resume(run, mine[1])
+        try:
+            output.resume(run, mine[1])
+        except (LookupError, TypeError) as error:
+            raise InputError(
+                f"The checkpoint has no position of a {kind} that it can go on from "
+                f"({type(error).__name__}: {error}); start again, or without that output."
+            ) from error
     else:
         check_no_other_run(run.comm, output)
         output.open(run)
@@ -354,16 +361,20 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
                 not (is_ours and part.is_symlink()),
                 f"Cannot write '{path}': '{part}' is a link; remove it, or give another name.",
             )
+        check(
+            not (path.is_fifo() or path.is_socket()),
+            f"Cannot write '{path}', which is a FIFO or a socket; remove it, or give another name.",
+        )
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"
             try:
                 # An empty file can be made on a full disk; a page cannot.
-                probe.write_bytes(bytes(4096))
+                write_new(probe, bytes(4096))
             finally:
                 probe.unlink(missing_ok=True)
             if path.is_file():
-                path.open("r+b").close()
+                open_to_write(path, "r+b").close()
         except OSError as error:
             raise InputError(
                 f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is "
@@ -405,7 +416,7 @@ def replace_file(path: Path, text: str) -> None:
         # Processes that share a sweep replace its tables at the same time.
         new = path.with_name(f"{path.name}.{os.getpid()}.new")
         # JSON reads the replacement of half of a surrogate pair, \ud800, as that half.
-        new.write_text(text, encoding="utf-8", errors="backslashreplace")
+        write_new(new, text.encode("utf-8", errors="backslashreplace"))
         new.replace(path)
 
 

@@ -12,6 +12,8 @@ message that refuses another run.
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import hashlib
 import json
 import os
@@ -26,10 +28,12 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from filelock import FileLock, Timeout
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.core.checks.errors import InputError, are_usual_sizes, check, on_rank_zero
+from gossamer_fx.core.checks.strange_files import read_json, write_new
 from gossamer_fx.records.outputs.output import make_parent
 
 # The last object of this process that took the lock on a path, for runs of one program that follow
@@ -109,7 +113,15 @@ def _lock(path: Path) -> FileLock:
             lock.acquire(blocking=False)
     except NotImplementedError:  # the file system has no locks
         return lock
-    except (Timeout, PermissionError) as error:  # another user's lock file cannot even be opened
+    except OSError as error:  # another user's lock file cannot even be opened
+        # filelock takes every refusal for the lock of another run.
+        if isinstance(error, Timeout) and _has_no_locks(_lock_file(path)):
+            return lock
+        check(
+            isinstance(error, Timeout | PermissionError),
+            f"'{path}' cannot be locked by '{_lock_file(path)}' ({error.strerror}); remove that "
+            "file, or give another folder.",
+        )
         raise InputError(
             f"'{path}' is being written by another run{_owner(path)}; wait for its end, or give "
             "another folder."
@@ -121,8 +133,21 @@ def _lock(path: Path) -> FileLock:
         "since": time.strftime("%F %T"),
     }
     with suppress(OSError):  # without the file, e.g. on a full disk, the message names no process
-        _owner_file(path).write_text(json.dumps(about), encoding="utf-8")
+        write_new(_owner_file(path), json.dumps(about).encode())
     return lock
+
+
+def _has_no_locks(file: Path) -> bool:
+    """Whether the file system refuses to lock a file at all, as some network file systems do."""
+    descriptor = os.open(file, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in (errno.EWOULDBLOCK, errno.EAGAIN, errno.EINTR)
+    finally:
+        # This gives the lock back, if it was given.
+        os.close(descriptor)
+    return False
 
 
 def _release_all(locks: dict[Path, FileLock]) -> None:
@@ -148,7 +173,7 @@ def _owner_file(path: Path) -> Path:
 def _owner(path: Path) -> str:
     """Who holds the lock, for a message; nothing if that cannot be read."""
     try:
-        owner = json.loads(_owner_file(path).read_text(encoding="utf-8"))
+        owner = read_json(_owner_file(path), path.parent)
         program = Path(owner["program"]).name
         return f" ({program}, process {owner['pid']} on {owner['host']}, since {owner['since']})"
     except (OSError, ValueError, KeyError, TypeError):
@@ -225,6 +250,7 @@ _RUN = {
     "versions": {str: str},
     "captions": [str],
     "result?": {str: object},
+    "summary?": str,
     "prestress?": {str: _PRESTRESS},
     "statistics": {
         "steps": int,
@@ -253,7 +279,9 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         f"There is no run in '{folder}'; give a folder with a run.json, as `Recording` writes.",
     )
     try:
-        about = json.loads(path.read_text(encoding="utf-8"))
+        about = read_json(path, folder)
+    except InputError:
+        raise
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"'{path}' cannot be read ({error}); {_REMEDY}") from error
     version = None
@@ -264,9 +292,13 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         not isinstance(version, int) or version == FORMAT,
         f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
     )
-    _check_kind(path, "the file", about, _RUN)
+    check_kind(path, "the file", about, _RUN)
     for solid in about.get("solids", []):
         point_count = len(solid["X"])
+        check(
+            are_usual_sizes(np.array(solid["X"], dtype=float)),
+            f"'{path}': a solid has a point that is not at numbers up to 1e100 m; {_REMEDY}",
+        )
         indices = []
         for face in (*solid["triangles"], *solid["lines"]):
             indices += face
@@ -277,19 +309,19 @@ def read_run_file(folder: Path) -> dict[str, Any]:
     return dict(about)
 
 
-def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
+def check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
     """Raise `InputError` unless a value of a JSON file, named `where`, is of a kind, see `_RUN`."""
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
         if str in kind:
             for name, inner in value.items():
-                _check_kind(path, f"{where} of {name!r}", inner, kind[str])
+                check_kind(path, f"{where} of {name!r}", inner, kind[str])
             return
         for key, inner in kind.items():
             name = key.removesuffix("?")
             check(name in value or key != name, f"'{path}': {where} has no '{name}'; {_REMEDY}")
             if name in value:
-                _check_kind(path, f"'{name}'", value[name], inner)
+                check_kind(path, f"'{name}'", value[name], inner)
     elif isinstance(kind, list | tuple):
         _refuse_unless(isinstance(value, list), path, where, value, "a list")
         kinds = kind
@@ -297,7 +329,7 @@ def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
             kinds = kind * len(value)
         _refuse_unless(len(value) == len(kinds), path, where, value, f"a list of {len(kinds)}")
         for inner, inner_kind in zip(value, kinds, strict=True):
-            _check_kind(path, where, inner, inner_kind)
+            check_kind(path, where, inner, inner_kind)
     elif kind in _WORDS:
         types = (int, float) if kind is float else kind
         fits = isinstance(value, types)

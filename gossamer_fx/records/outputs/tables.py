@@ -17,6 +17,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.csv_tables import safe_cells
 from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.core.checks.strange_files import open_file, open_to_write, write_new
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import (
     Every,
@@ -59,7 +60,7 @@ class Table:
         def write() -> None:
             if comm.rank == 0:
                 if self._head:
-                    self.path.write_bytes(b"")
+                    write_new(self.path, b"")
                 append_bytes(self.path, self.end, lines)
 
         write_on_all(comm, self.path, write)
@@ -93,7 +94,8 @@ class Table:
         """
         content = b""
         if self.path.is_file():
-            content = self.path.read_bytes()
+            with open_file(self.path, self.path.parent) as file:
+                content = file.read()
         check(
             len(content) >= end,
             f"'{self.path}' is shorter than it was when the checkpoint was written, {len(content)} "
@@ -123,7 +125,7 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
         end: position [bytes] at which `content` begins, normally the end of the file.
     """
     # Without a buffer, a full disk is noticed here and not when the file is closed.
-    with path.open("r+b", buffering=0) as file:
+    with open_to_write(path, "r+b") as file:
         file.seek(end)
         try:
             if file.write(content) != len(content):

@@ -15,6 +15,7 @@ library is needed.  `tools/measure_field_formats.py` compares time and size with
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Sequence
@@ -267,6 +268,28 @@ class VTU:
         return kept
 
 
+def _check_listed(path: Path, entries: list[Entry]) -> None:
+    """Raise `InputError` if a PVD file lists a file that does not exist, or one twice: a list may
+    be much longer than all files together."""
+    names_in: dict[Path, set[str]] = {}
+    listed: set[str] = set()
+    for entry in entries:
+        file = path.parent / entry.file
+        if file.parent not in names_in:
+            names_in[file.parent] = set()
+            if file.parent.is_dir():
+                names_in[file.parent] = set(os.listdir(file.parent))
+        check(
+            file.name in names_in[file.parent],
+            f"'{file}' is missing; put back a copy of it, or write the run again.",
+        )
+        check(
+            entry.file not in listed,
+            f"'{path}' lists '{entry.file}' twice; write the run again.",
+        )
+        listed.add(entry.file)
+
+
 def _file_name(record: int, rank: int) -> str:
     """Name of the file of a record and a rank."""
     if rank == 0:
@@ -298,10 +321,19 @@ class FieldRecords:
     files: list[list[Path]]
 
 
-def read_records(path: Path) -> list[FieldRecords]:
-    """The records that a PVD file of `VTU` lists, in the order of their times."""
+def read_records(path: Path, folder: Path | None = None) -> list[FieldRecords]:
+    """The records that a PVD file of `VTU` lists, in the order of their times.
+
+    Args:
+        folder: in which the file must be, also behind links; default: that of its path.
+
+    Raises:
+        InputError: it cannot be read, or lists files that do not exist, or one twice.
+    """
     files_of_time: dict[float, list[Path]] = {}
-    for entry in read_pvd(path):
+    entries = read_pvd(path, folder)
+    _check_listed(path, entries)
+    for entry in entries:
         files_of_time.setdefault(entry.time, []).append(path.parent / entry.file)
     check(bool(files_of_time), f"'{path}' lists no files; let the run make a record.")
     found: list[FieldRecords] = []

@@ -12,11 +12,13 @@ Source: VTK File Formats, docs.vtk.org, sections "XML File Formats" and "PVD Fil
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from io import BufferedWriter
 from pathlib import Path
 from typing import BinaryIO
 from xml.etree import ElementTree
@@ -25,7 +27,13 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import InputError, are_usual_sizes, check
+from gossamer_fx.core.checks.strange_files import (
+    check_expansion,
+    open_file,
+    open_to_write,
+    write_new,
+)
 from gossamer_fx.core.mesh.linear_pieces import from_vtk, to_vtk
 from gossamer_fx.core.model.body import Array
 
@@ -153,7 +161,7 @@ def write_vtu(path: Path, grid: Grid, cells: Sequence[DataArray] = ()) -> None:
         lines.append(f"</{section}>")
         blocks += members
     lines += ["</Piece>", "</UnstructuredGrid>", ""]
-    with path.open("wb") as file:
+    with BufferedWriter(open_to_write(path, "wb")) as file:
         file.write("\n".join(lines).encode() + _HEAD_END)
         for block in blocks:
             file.write(block.content)
@@ -223,19 +231,24 @@ def _write_list(path: Path, kind: str, elements: Sequence[str]) -> None:
         "</VTKFile>",
     ]
     new = path.with_name(f"{path.name}.new")
-    new.write_text("\n".join(lines), encoding="utf-8")
+    write_new(new, "\n".join(lines).encode())
     os.replace(new, path)
 
 
 # ---- reading -------------------------------------------------------------------------------------
 
 
-def read_vtu(path: Path) -> Grid:
-    """Read a grid that `write_vtu` wrote."""
+def read_vtu(path: Path, folder: Path | None = None) -> Grid:
+    """Read a grid that `write_vtu` wrote.
+
+    Args:
+        folder: in which the file must be, also behind links; default: that of its path.
+    """
     try:
-        check_end(path)
-        with path.open("rb") as file:
+        check_end(path, folder)
+        with open_file(path, folder or path.parent) as file:
             root, start = _head(file)
+            _check_sizes(path, file, start, root)
             arrays: dict[str, dict[str, npt.NDArray]] = {}
             for section in ("PointData", "CellData", "Points", "Cells"):
                 arrays[section] = {}
@@ -249,6 +262,14 @@ def read_vtu(path: Path) -> Grid:
             raise ValueError("an array has another number of points")
         if any(len(values) != len(cells) for values in arrays["CellData"].values()):
             raise ValueError("an array has another number of cells")
+        if not are_usual_sizes(points):
+            raise ValueError("a point is not at numbers up to 1e100 m")
+        for name, values in (*arrays["PointData"].items(), *arrays["CellData"].items()):
+            # A field may be unknown somewhere.
+            if not are_usual_sizes(np.where(np.isnan(values), 0.0, values)):
+                raise ValueError(f"'{name}' has values that are not numbers up to 1e100")
+    except InputError:
+        raise
     except _DAMAGE as error:
         raise _damaged(path, error) from error
     return Grid(points, cells, dimension, arrays["PointData"], arrays["CellData"])
@@ -261,17 +282,22 @@ def _damaged(path: Path, error: Exception) -> InputError:
     )
 
 
-def check_end(path: Path) -> None:
+def check_end(path: Path, folder: Path | None = None) -> None:
     """Raise `InputError` if a VTU file is missing or has lost its end.
 
     It is written from its beginning to its end, so that one that lacks a part lacks its end.
+
+    Args:
+        folder: in which the file must be, also behind links; default: that of its path.
     """
     try:
-        with path.open("rb") as file:
+        with open_file(path, folder or path.parent) as file:
             size = file.seek(0, os.SEEK_END)
             file.seek(max(size - len(_FILE_END), 0))
             if file.read() != _FILE_END:
                 raise ValueError("its end is missing")
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         raise _damaged(path, error) from error
 
@@ -293,6 +319,22 @@ def _parsed(text: bytes) -> ElementTree.Element:
     if b"<!" in text:
         raise ValueError("it has declarations")
     return ElementTree.fromstring(text)
+
+
+def _check_sizes(path: Path, file: BinaryIO, start: int, root: ElementTree.Element) -> None:
+    """Raise `ValueError` if the arrays of an open VTU file would be much larger than the file.
+
+    `start`: position behind the head of the file, from which offsets count.
+    """
+    file_size = file.seek(0, os.SEEK_END)
+    claimed = 0
+    for element in root.iter("DataArray"):
+        file.seek(start + int(element.attrib["offset"]))
+        header = file.read(2 * _HEADER_NUMBER)
+        # The number of blocks, then the bytes of a block; an array without values has no block.
+        if any(header[:_HEADER_NUMBER]):
+            claimed += int.from_bytes(header[_HEADER_NUMBER:], "little")
+    check_expansion(path, claimed, file_size)
 
 
 def _values(file: BinaryIO, start: int, element: ElementTree.Element) -> npt.NDArray:
@@ -335,14 +377,24 @@ def _cells(connectivity: Integers, offsets: Integers, types: Integers) -> tuple[
     return from_vtk(cells), dimension
 
 
-def read_pvd(path: Path) -> list[Entry]:
-    """The entries of a PVD file that `write_pvd` wrote: time [s], part, and file."""
+def read_pvd(path: Path, folder: Path | None = None) -> list[Entry]:
+    """The entries of a PVD file that `write_pvd` wrote: time [s], part, and file.
+
+    Args:
+        folder: in which the file must be, also behind links; default: that of its path.
+    """
     entries = []
     try:
-        for element in _parsed(path.read_bytes()).iter("DataSet"):
+        with open_file(path, folder or path.parent) as file:
+            content = file.read()
+        for element in _parsed(content).iter("DataSet"):
             time = float(element.attrib["timestep"])
+            if not math.isfinite(time):
+                raise ValueError(f"it has the time {time}")
             part = int(element.attrib["part"])
             entries.append(Entry(time, part, element.attrib["file"]))
+    except InputError:
+        raise
     except _DAMAGE as error:
         raise _damaged(path, error) from error
     for entry in entries:

@@ -3,6 +3,7 @@ solver, probes."""
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections import Counter
@@ -218,7 +219,7 @@ def _area_shares(run: RunReader, states: Tables) -> Tables:
     bodies = run.about["scene"]["bodies"]
     films = [name for name in run.films if {f"{name} taut", f"{name} wrinkled"} <= set(states)]
     # A damaged description of a scene may lack some.
-    films = [film for film in films if "area" in bodies.get(film, {})]
+    films = [film for film in films if 0 < bodies.get(film, {}).get("area", 0.0) < math.inf]
     if not films:
         return {}
     areas = np.array([bodies[film]["area"] for film in films])

@@ -8,16 +8,20 @@ course of the run.
 from __future__ import annotations
 
 import csv
+from array import array
+from collections import Counter
 from collections.abc import Callable, Mapping
 from html import escape
+from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.csv_tables import plain_cell
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import InputError, are_usual_sizes, check
+from gossamer_fx.core.checks.strange_files import open_file
 from gossamer_fx.core.drawing import table
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces, middles
 from gossamer_fx.core.mesh.quality import ALIKE
@@ -83,7 +87,7 @@ class RunReader:
         axis = self.about["axis"]
         self.axis = Axis(axis["name"], axis["unit"])
         self.fields: dict[str, list[str]] = self.about["fields"]
-        self.bodies = {name: RecordedBody(self.folder / "fields", name) for name in self.fields}
+        self.bodies = {name: RecordedBody(self.folder, name) for name in self.fields}
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
         columns = [name for name in self.table("points.csv") if name not in self.not_values]
@@ -159,7 +163,8 @@ class RunReader:
 
     @check_arguments
     def table(self, name: str) -> Tables:
-        """Columns of a table of the run's folder by their names; empty if the run did not write it.
+        """Columns of a table of the run's folder by their names; empty if the run did not write it,
+        or no row of it.
         Those of the energy balance and of gas are named without the units of their heads.
 
         A last row that is not complete is left out.
@@ -172,32 +177,48 @@ class RunReader:
 
         Raises:
             InputError: the file cannot be read, lacks a column, or holds something else than rows
-                of numbers.
+                of numbers up to 1e100.
         """
         path = self.folder / name
         if Path(name).name != name or not path.is_file():
             return {}
         try:
-            with path.open(newline="", encoding="utf-8") as file:
-                rows = list(csv.reader(file))
-            head = [plain_cell(cell) for cell in rows.pop(0)] if rows else []
-            if name in ("ledger.csv", "gas.csv"):
-                head = without_units(head)
-            if rows and len(rows[-1]) != len(head):
-                rows.pop()
-            values = np.array([[float(word) for word in row] for row in rows])
-            values = values.reshape(len(rows), len(head))
+            with TextIOWrapper(open_file(path, self.folder), "utf-8", newline="") as file:
+                head, values = _numbers_of(file)
+        except InputError:
+            raise
         except (OSError, ValueError, csv.Error) as error:
             raise InputError(
                 f"'{path}' holds something else than numbers ({error}); write the run again."
             ) from error
+        if name in ("ledger.csv", "gas.csv"):
+            head = without_units(head)
+        twice = [column for column, count in Counter(head).items() if count > 1]
+        check(
+            not twice,
+            f"'{path}' has two columns '{''.join(twice[:1])}'; write the run again.",
+        )
         required = (self.axis.column, *_REQUIRED.get(name, ()))
         missing = [column for column in required if column not in head]
         check(
             not missing or not head,
             f"'{path}' has no column '{''.join(missing[:1])}'; write the run again.",
         )
-        return dict(zip(head, values.T, strict=True))
+        # A run writes the head with the first row.
+        if not len(values):
+            return {}
+        table: Tables = dict(zip(head, values.T, strict=True))
+        for column in table:
+            numbers: Array = table[column]
+            # Some results may be unknown at a time, e.g. the tension of a line.
+            if not _needs_all_numbers(name, column) and column != self.axis.column:
+                numbers = np.where(np.isnan(numbers), 0.0, numbers)
+            check(
+                are_usual_sizes(numbers),
+                f"'{path}' has a row whose '{column}' is not a number up to 1e100; write the run "
+                "again.",
+            )
+        return table
 
     @property
     def not_values(self) -> tuple[str, str]:
@@ -492,6 +513,35 @@ class RunReader:
         ]
 
 
+def _needs_all_numbers(table: str, column: str) -> bool:
+    """Whether no value of a column of a table may be NaN: what is drawn, and the energy balance."""
+    if table in ("points.csv", "solids.csv", "lines.csv"):
+        return True
+    return table == "ledger.csv" and not column.endswith(("_error", "residual"))
+
+
+def _numbers_of(file: TextIO) -> tuple[list[str], Array]:
+    """Head and rows of numbers (n, columns) of a CSV file; a last row that is not complete is left
+    out.
+
+    Raises:
+        ValueError, csv.Error: it holds something else than rows of numbers.
+    """
+    rows = csv.reader(file)
+    head = [plain_cell(cell) for cell in next(rows, [])]
+    # Numbers only, as the words of all rows would take many times the bytes of the file.
+    numbers = array("d")
+    incomplete = 0
+    for row in rows:
+        if incomplete:
+            raise ValueError(f"line {incomplete} has another number of cells than the head")
+        if len(row) != len(head):
+            incomplete = rows.line_num
+            continue
+        numbers.extend(map(float, row))
+    return head, np.array(numbers).reshape(-1, max(len(head), 1))[:, : len(head)]
+
+
 def _at_time(table: tuple[Array, Array], time: float) -> Array:
     """The vectors (k, size) of a table in the row whose time is nearest; zeros without rows."""
     times, vectors = table
@@ -541,10 +591,11 @@ class RecordedSolid:
 class RecordedBody:
     """One body on a mesh, in the files that a run and its restarts wrote one after the other."""
 
-    def __init__(self, folder: Path, name: str) -> None:
-        records = read_records(folder / f"{file_name(name)}.pvd")
+    def __init__(self, run: Path, name: str) -> None:
+        """Open the files of a body, by its name, in the folder of a run."""
+        records = read_records(run / "fields" / f"{file_name(name)}.pvd", run)
         self.mesh_files = [mesh for one in records for mesh in one.meshes]
-        self.segments = [RecordedMesh(one) for one in records]
+        self.segments = [RecordedMesh(one, run) for one in records]
         self._located = [
             (segment, step) for segment in self.segments for step in range(len(segment.times))
         ]
@@ -568,10 +619,12 @@ class RecordedMesh:
         is_film: whether the pieces are triangles.
     """
 
-    def __init__(self, records: FieldRecords) -> None:
+    def __init__(self, records: FieldRecords, run: Path) -> None:
+        """Read a mesh; `run` is the folder of the run, in which all files are."""
         self._records = records
+        self._run = run
         self.times: Array = np.array(records.times)
-        mesh = _joined([read_vtu(path) for path in records.meshes])
+        mesh = _joined([read_vtu(path, run) for path in records.meshes])
         check(
             mesh.dimension > 0,
             f"'{records.meshes[0]}' is damaged: it has no lines or triangles; write the run again.",
@@ -589,7 +642,7 @@ class RecordedMesh:
         """The shares of all ranks at a step as one grid, with names as in the files."""
         if step != self._step:
             files = self._records.files[step]
-            grid = _joined([read_vtu(path) for path in files])
+            grid = _joined([read_vtu(path, self._run) for path in files])
             check(
                 len(grid.points) == len(self.X) and len(grid.cells) == self._cells,
                 f"'{files[0]}' is damaged: it has {len(grid.points)} points, but its mesh has "

@@ -52,7 +52,14 @@ import numpy.typing as npt
 
 from gossamer_fx.core.algebra.rank_exchange import Names, fetch, hash_rows
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
-from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
+from gossamer_fx.core.checks.errors import (
+    InputError,
+    are_usual_sizes,
+    check,
+    on_rank_zero,
+    write_on_all,
+)
+from gossamer_fx.core.checks.strange_files import check_inside, open_file
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import (
     Attached,
@@ -71,6 +78,7 @@ from gossamer_fx.records.outputs.output import (
     cursors_of,
     make_parent,
 )
+from gossamer_fx.records.outputs.run_file import check_kind
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.system import System
@@ -419,6 +427,34 @@ EQUAL_NAMES = "Two nodes or cells of the checkpoint have the same name."
 CELL_NAMES = "names of cells"
 CELL_VALUES = "cells"
 
+# Kinds of the contents of run.json, see `check_kind`.
+_STATE = {
+    "scene": {
+        "parts": [str],
+        "meshes": {str: (object, [float])},
+        "unknowns": [int],
+        "stepping": (str, [str]),
+        "arguments": {str: object},
+        "events": {str: {"name": str}},
+    },
+    "ranks": int,
+    "vectors": [str],
+    "cells": [str],
+    "parts": [(int, int)],
+    "time": float,
+    "time before": float,
+    "supplied": float,
+    "run": {str: object},
+    "history": {str: object},
+    "totals": {
+        "kinetic": float,
+        "stored": {str: float},
+        "losses": {str: float},
+    },
+    "resultants": {str: object},
+    "outputs": [(str, {str: object})],
+}
+
 # The kind of each output, and its position in its files.
 Cursors = list[tuple[str, dict[str, Any]]]
 
@@ -727,6 +763,30 @@ def read(
     """
     comm = run.comm
     path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
+    try:
+        return _restore(run, path, state, scene, changes)
+    except InputError:
+        raise
+    # Its checksums are right, so that it is not damaged by chance; all ranks have the same state.
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError(comm.bcast(_damaged(path, reason))) from error
+
+
+def _restore(
+    run: SavedRun,
+    path: Path,
+    state: dict[str, Any],
+    scene: dict[str, Any],
+    changes: Sequence[str],
+) -> Cursors:
+    """Restore the state of a checkpoint, see `read`.  Collective.
+
+    Args:
+        path: of the checkpoint.
+        state: the contents of its run.json.
+    """
+    comm = run.comm
     compare(path, state["scene"], scene, changes)
     arrays = _load_on_all(run, path, state)
     _restore_vectors(run, arrays)
@@ -758,7 +818,16 @@ def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, 
     reason = ""
     try:
         arrays = _load(run, path, state)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError, zlib.error) as error:
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        LookupError,
+        NotImplementedError,
+        zipfile.BadZipFile,
+        EOFError,
+        zlib.error,
+    ) as error:
         reason = f"{type(error).__name__}: {error}"
     reasons = [text for text in run.comm.allgather(reason) if text]
     if reasons:
@@ -823,13 +892,23 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
             remedy = f"give one of the newest there, {', '.join(others[-3:])}."
         raise InputError(f"There is no checkpoint in '{path}'; {remedy}")
     try:
-        page = (folder / "run.json").read_bytes()
+        with open_file(folder / "run.json", _home(folder)) as file:
+            page = file.read()
         state = json.loads(page)
         written_format = state["format"]
         written_version = state["version"]
         checksum = state.pop("checksum", None)
         is_sound = checksum == _checksum_of(state)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except InputError:
+        raise
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+    ) as error:
         raise InputError(_damaged(folder, f"run.json: {error}")) from error
     # Earlier formats had no checksum.  A wrong one means damage, also if the version differs.
     is_other_version = (written_format, written_version) != (FORMAT, VERSION)
@@ -842,7 +921,17 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     # The checksum is one of values; the text is compared too, so that any changed byte is noticed.
     if not is_sound or page != _page(state | {"checksum": checksum}):
         raise InputError(_damaged(folder, "run.json was changed"))
+    check_kind(folder / "run.json", "the file", state, _STATE)
     return folder, state
+
+
+def _home(path: Path) -> Path:
+    """The folder in which all files of a checkpoint are: that of its run, if it has one, else that
+    of the checkpoints or the checkpoint that was given."""
+    for folder in (path.parent.parent, path.parent):
+        if (folder / "run.json").is_file():
+            return folder
+    return path
 
 
 def _damaged(path: Path, reason: str) -> str:
@@ -867,11 +956,10 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     # The checkpoint may have more or fewer files than there are ranks now.
     for rank in range(run.comm.rank, state["ranks"], run.comm.size):
         share = path / _rank_file(rank)
+        check_inside(share, _home(path))
         if _checksum(share) != state["parts"][rank]:
             raise ValueError(f"{share.name} was changed")
-        # Pickled objects could run code of whoever wrote the file.
-        with np.load(share, allow_pickle=False) as file:
-            shares.append(dict(file))
+        shares.append(_read_arrays(share))
     arrays: dict[str, Any] = {}
     for k, block in enumerate(blocks):
         # Ranks without a file take part in the exchange with empty arrays.
@@ -888,11 +976,52 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     return arrays
 
 
+def _read_arrays(share: Path) -> dict[str, Any]:
+    """The arrays of a file of NumPy by name.
+
+    They are read from bytes that exist: `numpy.load` takes the memory that a header asks for.
+
+    Raises:
+        ValueError: a header says another size than its bytes have, or asks for objects, which could
+            run code of whoever wrote the file, or values are not usual numbers.
+    """
+    arrays: dict[str, Any] = {}
+    with open_file(share) as file, zipfile.ZipFile(file) as archive:
+        size = os.fstat(file.fileno()).st_size
+        members = archive.infolist()
+        # A run stores arrays as they are; the bytes of one may not stand for several.
+        is_plain = all(member.compress_type == zipfile.ZIP_STORED for member in members)
+        if not is_plain or sum(member.file_size for member in members) > size:
+            raise ValueError(f"{share.name} claims to be larger than it is")
+        for member in members:
+            name = member.filename.removesuffix(".npy")
+            with archive.open(member) as content:
+                version = np.lib.format.read_magic(content)
+                read_header = np.lib.format.read_array_header_1_0
+                if version != (1, 0):
+                    read_header = np.lib.format.read_array_header_2_0
+                shape, is_by_columns, kind = read_header(content)
+                numbers = content.read()
+            if kind.hasobject or kind.kind not in "uif":
+                raise ValueError(f"{share.name} holds something else than numbers")
+            order = "C"
+            if is_by_columns:
+                order = "F"
+            array = np.frombuffer(numbers, dtype=kind).reshape(shape, order=order)  # type: ignore[call-overload]
+            if kind.kind == "f" and not are_usual_sizes(array):
+                raise ValueError(f"{share.name} holds values that are not numbers up to 1e100")
+            arrays[name] = array
+    return arrays
+
+
 def _join(shares: list[dict[str, Any]], empty: dict[str, Any], arrays: dict[str, Any]) -> None:
     """Set `arrays` for each key of `empty` to the arrays of all shares, one after the other;
     without shares to the empty array."""
     for key, no_rows in empty.items():
         arrays[key] = no_rows
+        for share in shares:
+            if share[key].dtype != no_rows.dtype or share[key].shape[1:] != no_rows.shape[1:]:
+                raise ValueError(f"'{key}' is an array of another kind")
         if shares:
             arrays[key] = np.concatenate([share[key] for share in shares])
 
@@ -929,7 +1058,7 @@ def _checksum(path: Path) -> list[int]:
     """Length in bytes and CRC-32 of a file, which find damage and are faster than SHA-256."""
     crc = 0
     size = 0
-    with path.open("rb") as file:
+    with open_file(path) as file:
         while block := file.read(CHECKSUM_BLOCK):
             crc = zlib.crc32(block, crc)
             size += len(block)
