@@ -55,10 +55,10 @@ from gossamer_fx.extend import (
     positive,
     thermal_strain_of,
 )
+from gossamer_fx.mechanics.orbit.film_heat import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.optics import Share
 from gossamer_fx.mechanics.orbit.orbit import Orbit
-from gossamer_fx.mechanics.orbit.film_heat import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.mechanics.orbit.shadow_map import ShadowMap
 from gossamer_fx.mechanics.orbit.sky import AU
 from gossamer_fx.mechanics.orbit.solar_pressure import Pixels
