@@ -41,14 +41,12 @@ from demos.films import spinning_sheet
 from demos.inflatables import inflate_tube
 from demos.studies import airbag as airbag_study
 from demos.studies import orthotropic as orthotropic_study
-from gossamer_fx.analysis.cases.results import recorded_warnings
+from gossamer_fx.extend import FilmLaw, recorded_warnings, relative_drift
 from gossamer_fx.mechanics.contact.geometry.facets import facets_of
-from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.plates import slit_ring
 from gossamer_fx.meshes.sheet import sheet as sheet_mesh
 from gossamer_fx.solve.solvers import newton
-from gossamer_fx.solve.system.totals import relative_drift
 
 Figures = dict[str, float]
 COMM = MPI.COMM_WORLD

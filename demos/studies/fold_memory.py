@@ -46,7 +46,7 @@ from demos.common import flat_rooted_tube
 from demos.sails import spin_deployment
 from demos.studies.engine.deployments import LEDGER, NUDGE, arguments
 from demos.studies.engine.study import Study
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 # Arguments of the demos that cases change by a nudge, and their values.
 REV = 8.0
