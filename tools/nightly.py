@@ -54,6 +54,7 @@ PARTS = {
             "tests/unit/test_step_means.py",
             "tests/unit/test_elastica.py",
             "tests/statics/test_rubber.py",
+            "tests/statics/test_orthotropic_plates.py",
             "tests/statics/test_cauchy_stress.py",
             "tests/statics/test_thermal_expansion.py",
         ),

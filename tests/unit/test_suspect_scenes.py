@@ -23,6 +23,7 @@ from gossamer_fx.mechanics.gas.enclosure import label_components
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
 from tests.small_scenes import at_rest
 
@@ -473,3 +474,19 @@ def test_a_torsional_spring_without_its_hinge_is_warned_of(caplog, joint, axis, 
     with caplog.at_level(logging.WARNING):
         compiled(spring, *hinge)
     assert (f"'{name}' acts about the axis" in caplog.text) == is_suspect
+
+
+# ---- order 2 -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_order_2_on_plane_triangles_of_a_curved_surface_is_warned_of(comm, caplog, order) -> None:
+    sail = gx.Membrane(sphere(comm, 1.0, 6), LAW, order=order, name="balloon")
+    compiled(sail)
+    is_warned = "is of order 2 on a curved mesh of plane triangles" in caplog.text
+    assert is_warned == (order == 2)
+
+
+def test_order_2_on_a_plane_mesh_is_not_warned_of(comm, caplog) -> None:
+    compiled(gx.Membrane(sheet(comm, 4, 4), LAW, order=2))
+    assert "curved mesh" not in caplog.text
