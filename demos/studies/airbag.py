@@ -71,6 +71,26 @@ def volume_and_potential(found: EquilibriumResult) -> tuple[float, float]:
     return work / PRESSURE, parts * sum(found.totals.stored.values()) - work
 
 
+def print_equilibria(
+    law: str = "Miyazaki 1e-8", cells: int = 32, starts: int = 6, perturbation: float = 0.02
+) -> None:
+    """Print the equilibria of airbags of order 1 that are found from several starts.
+
+    Command: ./gossamer python -c "from demos.studies import airbag; airbag.print_equilibria()"
+    """
+    film, search = airbag(MPI.COMM_WORLD, LAWS[law], 1, cells)
+    found = gx.analysis.equilibria(search, starts=starts, perturbation=perturbation)
+    for one in found:
+        search.system.restore(one.coordinates, 0 * one.coordinates, search.system.time)
+        volume, potential = volume_and_potential(one.result)
+        height = displacement(film, search, "bottom left")[2]
+        if MPI.COMM_WORLD.rank == 0:
+            print(
+                f"starts {one.starts}: height {height:.5f} m, volume {volume:.5f} m³, "
+                f"potential {potential:.2f} J, unstable {one.result.unstable}"
+            )
+
+
 def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:
     """Larger principal stress [Pa], mean of the cells at a named point."""
     fields = FieldFunctions(search.system, film, ["second_piola_stress1"])

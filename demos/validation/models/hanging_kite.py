@@ -34,6 +34,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ import gossamer_fx as gx
 from demos.common.figures import area_vectors
 from demos.common.searches import Effort
 from demos.studies.bent_tube import wrinkled_angle
-from demos.validation.engine.case import Array, Inputs
+from demos.validation.engine.case import Array, Inputs, read_case
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.extend import PointMeasure, PointStoredEnergy, State, Term, check
 from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
@@ -359,9 +360,15 @@ class PulleyLine:
 
 
 class Hanging:
-    """The scene of a kite with the present shares of bending stiffness."""
+    """The scene of a kite with the present shares of bending stiffness.
 
-    def __init__(self, kite: Kite, comm: MPI.Intracomm) -> None:
+    Args:
+        kite: its points, tubes and lines.
+        inward: force [N] on each tip towards the other one at the time 0; it decreases to zero
+            at 1 s.
+    """
+
+    def __init__(self, kite: Kite, comm: MPI.Intracomm, inward: float = 0.0) -> None:
         self.kite = kite
         self._comm = comm
         self._ports: dict[int, Any] = {}
@@ -388,12 +395,23 @@ class Hanging:
                     name=f"load at {node}",
                 )
             )
+        if inward:
+            self._pull_tips(inward)
         self._search = gx.Equilibrium(gx.Scene(*self._items), SEARCH)
         self.unknowns = self._search.system.numbering.size
 
-    def find(self) -> gx.analysis.EquilibriumResult:
-        """Find the equilibrium."""
-        return self._search.find()
+    def _pull_tips(self, inward: float) -> None:
+        """Add the forces [N] that pull the tips together, which end at 1 s."""
+        for tip, sign in zip(self.kite.loaded[:2], (-1.0, 1.0), strict=True):
+
+            def force(t: float, sign: float = sign) -> tuple[float, float, float]:
+                return (0.0, sign * inward * max(0.0, 1.0 - t), 0.0)
+
+            self._items.append(gx.loads.Force(self._ports[tip], force, name=f"pull at {tip}"))
+
+    def find(self, at: float = 1.0) -> gx.analysis.EquilibriumResult:
+        """Find the equilibrium under the loads of the time `at` [s]."""
+        return self._search.find(at)
 
     def position(self, node: int) -> Array:
         """Present position [m] of a node of the kite."""
@@ -701,3 +719,22 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         "b": Predicted(lengths[-2]),
     }
     return Prediction(quantities, details)
+
+
+def release_tips(inward: float = 49.05, case: str = "case 1") -> None:
+    """Print two equilibria of a kite under the same loads, with stiffnesses of tubes that do not
+    bend: without, and after its tips were pulled together by `inward` [N] each.
+
+    Command: ./gossamer python -c "from demos.validation.models import hanging_kite as k;
+        k.release_tips()"
+    """
+    cases = Path(__file__).parents[1] / "cases" / "hanging_kite.toml"
+    (test,) = (test for test in read_case(cases, ["hanging_kite"]).tests if test.name == case)
+    hanging = Hanging(Kite.read(test.inputs), MPI.COMM_WORLD, inward)
+    tips = test.inputs.table("distances", "1", 4)[-2]
+    for at in (1.0, 0.0, 0.5, 1.0):
+        result = hanging.find(at)
+        stored = sum(result.totals.stored.values())
+        span = hanging.distance(int(tips[0]), int(tips[1]))
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"tips pulled by {inward * (1 - at):.4g} N: span {span:.4g} m, {stored:.5g} J")
