@@ -19,10 +19,11 @@ General kinds of terms
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
     `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
 Laws and obstacles
-    `FilmLaw`, the base of laws of films, whose pieces of a path are `Piece` with `within_cone`, and
-    whose `BendingStiffness` a plate needs; `Obstacle`, that of what contact keeps films off: its
-    parts are `ObstacleBoundary` and `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or
-    own ones (`BoundaryStencil`, `PairStencil`), and its picture is a `DrawnSurface`;
+    `FilmLaw`, the base of laws of films, `IsotropicFilm` of those with two moduli; pieces of a path
+    of strain are `Piece` with `within_cone`, and a plate needs the law's `BendingStiffness`
+    `Obstacle`, that of what contact keeps films off: its parts are `ObstacleBoundary` and
+    `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or own ones (`BoundaryStencil`,
+    `PairStencil`), and its picture is a `DrawnSurface`
     `line_derivative`, `area_vector` for measures in UFL
 Own kinds of terms
     `CompiledTerms`, the base of their compilers, and its `Assembly`, the system as they see it;
@@ -37,6 +38,12 @@ Steppers
     `Stepper`, `StepSolver`, `StressRule`
 Runs
     `StateView`, `HasSystem`, `Output`, `Probe`
+Studies
+    `CaseSet` of cases that are run, kept and judged: `run_cases`, `Result`, `Judgement`, `verdict`,
+    `changes` against stored results, `read_results`, `write_results`; `recorded_warnings`
+    tables and pictures: `markdown_table`, `number_text`, `values_text`, `observed_order`,
+    `ErrorCurve` with `draw_error_curves`
+    what is measured: `relative_drift`, `FieldFunctions`, `AreaFractions`
 Checks
     `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `ask_points`,
     `InputError`; `check_arguments` with the marks `positive`, `not_negative`, `Range`, `Count`

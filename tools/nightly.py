@@ -2,7 +2,8 @@
 
     jitter     quick forms of studies from starts that are moved by 1e-6 of the size of the scene,
                ten times each: none may end by an error or hang; how many have figures that differ
-               from the stored ones is said
+               from the stored ones is said.  The whole output of each run that does not end well
+               is in out/nightly
     mutants    the code of laws, contact and gas with one small error at a time: at least 85 % of a
                sample must fail a test; those that do not are compared with tools/survivors.json
 
@@ -29,6 +30,9 @@ from typing import Any, TypeGuard
 from packages import ROOT
 
 SURVIVORS = ROOT / "tools" / "survivors.json"
+
+# Folder of the outputs of runs that do not end well, one file each.
+OUTPUTS = ROOT / "out" / "nightly"
 
 # Share of the mutants that tests have to find.
 LEAST_FOUND = 0.85
@@ -304,6 +308,39 @@ sys.exit(main([name, "--quick", "--out", out]))
 """
 
 
+def run_from_moved_start(script: str, name: str, seed: int) -> tuple[str, str]:
+    """Verdict and whole output of the quick form of a study, run by a script in a process of its
+    own."""
+    with tempfile.TemporaryDirectory() as out:
+        try:
+            ended = subprocess.run(
+                [sys.executable, "-c", script, str(seed), name, out],
+                cwd=ROOT,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                timeout=LONGEST,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as stopped:
+            # The output of a process that is stopped is bytes, whatever was asked for.
+            output = (stopped.stdout or b"").decode(errors="replace")
+            return f"HANGS for {LONGEST} s", output
+    if ended.returncode == 0:
+        return "well", ended.stdout
+    if "Traceback (most recent call last)" in ended.stdout:
+        return "FAILED", ended.stdout
+    return "other figures", ended.stdout
+
+
+def store(name: str, output: str) -> Path:
+    """Write the output of a run into a file; returns its path."""
+    OUTPUTS.mkdir(parents=True, exist_ok=True)
+    path = OUTPUTS / f"{name}.txt"
+    path.write_text(output, encoding="utf-8")
+    return path
+
+
 def run_jitter(names: Sequence[str], times: int) -> bool:
     """Run quick forms of studies from moved starts; returns whether none ended by an error or hung.
     Prints the rate with the upper bound of its 95 % interval, and how many have other figures: a
@@ -319,32 +356,15 @@ def run_jitter(names: Sequence[str], times: int) -> bool:
     for seed in range(times):
         for name in chosen:
             tries += 1
-            with tempfile.TemporaryDirectory() as out:
-                try:
-                    ended = subprocess.run(
-                        [sys.executable, "-c", script, str(seed), name, out],
-                        cwd=ROOT,
-                        capture_output=True,
-                        text=True,
-                        timeout=LONGEST,
-                        check=False,
-                    )
-                    has_error = "Traceback (most recent call last)" in ended.stderr
-                    is_other = ended.returncode != 0
-                    reason = (ended.stdout + ended.stderr)[-400:] if is_other else ""
-                except subprocess.TimeoutExpired:
-                    has_error = True
-                    reason = f"hangs for {LONGEST} s"
-            verdict = "well"
-            if has_error:
-                verdict = "FAILED"
-                failures.append(name)
-            elif reason:
-                verdict = "other figures"
-                differences.append(name)
+            verdict, output = run_from_moved_start(script, name, seed)
             print(f"jitter: {name}, start {seed}: {verdict}", flush=True)
-            if reason:
-                print(reason, flush=True)
+            if verdict == "well":
+                continue
+            if verdict == "other figures":
+                differences.append(name)
+            else:
+                failures.append(name)
+            print(f"  output in {store(f'jitter_{name}_{seed}', output)}", flush=True)
     _, high = interval(len(failures), tries)
     print(
         f"jitter: {len(failures)} of {tries} runs failed; at most {high:.1%} with 95 %; "

@@ -45,11 +45,9 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
 from demos.common.figures import draw_film, finish, new_figure, save, triangles
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, combine
+from gossamer_fx.extend import Array, Probe, check, combine
 from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.meshes import antenna as meshes
-from gossamer_fx.records.outputs.output import Probe
 
 # Edge of the film; from the paper, as all numbers here.
 SIDE = 2.1  # m

@@ -31,7 +31,7 @@ import gossamer_fx as gx
 from demos.antennas.antenna_attitude import FILM, SIDE, antenna
 from demos.common.deployment import effort, run_case
 from demos.common.figures import finish, new_figure, save
-from gossamer_fx.solve.steppers.stepping import Stepper
+from gossamer_fx.extend import Stepper
 
 G = 1.0  # m/s²
 # Order of the film, cells of a side, elements of a boom; the last one is the reference.

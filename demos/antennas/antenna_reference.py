@@ -35,8 +35,7 @@ from demos.antennas.antenna_attitude import SIDE
 from demos.antennas.antenna_pendulum import build, rigid_angle
 from demos.benchmarks.contestants import run as run_peer
 from demos.common.figures import BLUE, GREEN, GREY, RED, finish, new_figure, save
-from gossamer_fx.analysis.cases.results import Result, markdown_table, read_results, write_results
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Result, markdown_table, read_results, write_results
 
 NAME = "antenna_reference"
 STORED = Path(__file__).parent / f"{NAME}.json"

@@ -27,7 +27,7 @@ from bench import PAGE, page_part, ratios, solve_errors, turns
 from mpi4py import MPI
 from problems import ERROR_PROBLEMS, PROBLEMS
 
-from gossamer_fx.analysis.cases.case_set import run_cases, verdict
+from gossamer_fx.extend import run_cases, verdict
 
 # The part of the page that is written by this command.
 BETWEEN = re.compile(r"(?<=<!-- benchmark -->\n).*?(?=<!-- /benchmark -->)", re.DOTALL)

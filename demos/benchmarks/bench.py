@@ -14,13 +14,15 @@ from contestants import HERE, PACKAGES, SELF, Failed, run
 from mpi4py import MPI
 from problems import ERROR_PROBLEMS, ErrorProblem, Figures, Problem, Words
 
-from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement, run_cases
-from gossamer_fx.analysis.cases.results import (
+from gossamer_fx.extend import (
+    CaseSet,
     ErrorCurve,
+    Judgement,
     Result,
     draw_error_curves,
     markdown_table,
     read_results,
+    run_cases,
     write_results,
 )
 

@@ -9,7 +9,15 @@ import time
 import newton
 import numpy as np
 import warp as wp
-from contact_scene import DISTANCE, LAME, SIGMA, elastic_energy, films, penetrations
+from contact_scene import (
+    DISTANCE,
+    LAME,
+    SIGMA,
+    elastic_energy,
+    figures_of_upper,
+    films,
+    penetrations,
+)
 from contestants import words
 
 case = words({"n": 10, "dt": 1e-4, "until": 0.01, "iterations": 20, "stiffness": 0.0})
@@ -84,6 +92,7 @@ cpu = time.process_time() - cpu
 wall = time.perf_counter() - wall
 last = totals(one)
 q = one.particle_q.numpy()
+u = one.particle_qd.numpy()
 spin = max(float(np.linalg.norm(first[2])), 0.05 * float(np.linalg.norm(first[1])))
 print(
     json.dumps(
@@ -96,6 +105,7 @@ print(
             "ΔP/P": float(np.linalg.norm(last[1] - first[1]) / np.linalg.norm(first[1])),
             "ΔL/L": float(np.linalg.norm(last[2] - first[2])) / spin,
             "penetrations": penetrations(q.astype(float), triangles),
+            **figures_of_upper(q.astype(float), u.astype(float), triangles),
         }
     )
 )

@@ -109,6 +109,22 @@ def elastic_energy(
     return float(((shear + area_change) * areas).sum())
 
 
+def mean_of_upper(values: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Mean (3,) over the area of the upper film of values (p, 3) at the nodes of both films, whose
+    triangles (t, 3) have equal areas at rest."""
+    upper = triangles[len(triangles) // 2 :]
+    return values[upper].mean(axis=(0, 1))
+
+
+def figures_of_upper(x: np.ndarray, v: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
+    """What is compared: height [mm] and speed along z [m/s] of the centre of mass of the upper
+    film, from positions and velocities (p, 3) of the nodes of both films."""
+    return {
+        "height [mm]": 1e3 * float(mean_of_upper(x, triangles)[2]),
+        "speed [m/s]": float(mean_of_upper(v, triangles)[2]),
+    }
+
+
 def edge_vectors(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The two edges [m] of each triangle from its first corner, as columns (t, 3, 2)."""
     first, second, third = points[triangles.T]

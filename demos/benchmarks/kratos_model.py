@@ -161,6 +161,12 @@ def nodal(part, variable) -> np.ndarray:
     ).reshape(-1, 3)
 
 
+def positions(part) -> np.ndarray:
+    """Present positions (n, 3) of the nodes [m]."""
+    rest = np.array(K.VariableUtils().GetInitialPositionsVector(part.Nodes, 3)).reshape(-1, 3)
+    return rest + nodal(part, K.DISPLACEMENT)
+
+
 def grid(n: int, edge: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (m, 3) and cells' corners (n², 4), counter-clockwise, of a square from the origin."""
     s = np.linspace(0, edge, n + 1)

@@ -24,7 +24,15 @@ from mpi4py import MPI
 from newton_times import profile
 from rank_counts import rank_counts
 from scaling_model import scaling_model
-from shared_problems import CASES, MODULI, instants_of
+from shared_problems import (
+    BLOWN_UNTIL,
+    CASES,
+    MASS_DAMPING,
+    MODULI,
+    RISE,
+    instants_of,
+    volume_below,
+)
 from stopwatch import Stopwatch
 
 import gossamer_fx as gx
@@ -33,14 +41,12 @@ from demos.films import spinning_sheet
 from demos.inflatables import inflate_tube
 from demos.studies import airbag as airbag_study
 from demos.studies import orthotropic as orthotropic_study
-from gossamer_fx.analysis.cases.results import recorded_warnings
+from gossamer_fx.extend import FilmLaw, recorded_warnings, relative_drift
 from gossamer_fx.mechanics.contact.geometry.facets import facets_of
-from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.plates import slit_ring
 from gossamer_fx.meshes.sheet import sheet as sheet_mesh
 from gossamer_fx.solve.solvers import newton
-from gossamer_fx.solve.system.totals import relative_drift
 
 Figures = dict[str, float]
 COMM = MPI.COMM_WORLD
@@ -176,6 +182,31 @@ def airbag(n: int = 8, order: int = 1, law: str = "isotropic", angle: float = 0.
     return figures | {"w_M": float(height), "V": volume, "potential": potential}
 
 
+def blown(n: int = 8, dt: float = 1e-3) -> Figures:
+    """That quarter while its pressure rises: the volume of the airbag at instants."""
+    watch = Stopwatch()
+    film, search = airbag_study.airbag(COMM, airbag_study.LAWS["Miyazaki 1e-6"], 1, n)
+    held = [item for item in search.scene.items if isinstance(item, gx.Fixed)]
+    pressure = gx.Pressure(film, lambda t: airbag_study.PRESSURE * min(t / RISE, 1.0))
+    damping = gx.Damping(film, mass_factor=MASS_DAMPING)
+    facets = facets_of(film)
+    corners = film.space.tabulate_dof_coordinates()[facets.nodes][facets.triangles]
+    # All triangles in one sense: those of the mesh are in any.
+    is_turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] < 0
+    triangles = np.where(is_turned[:, None], facets.triangles[:, ::-1], facets.triangles)
+
+    def volume(run: gx.Simulation) -> float:
+        owned = run.system.state[film].owned
+        return volume_below(run.system.q0.array_r[owned].reshape(-1, 3)[facets.nodes], triangles)
+
+    series = gx.Series({"volume [m3]": volume})
+    scene = gx.Scene(film, pressure, damping, *held)
+    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=[series])
+    figures = watch.measure(run, BLOWN_UNTIL)
+    instants = instants_of(BLOWN_UNTIL)
+    return figures | {"volumes": np.interp(instants, series.time, series["volume [m3]"]).tolist()}
+
+
 def plate(shape: str = "strip", n: int = 16, step: float = 50.0) -> Figures:
     """The cantilever and the slit ring of Sze, Liu & Lo under their whole load at once; see
     `demos/studies/plate.py`."""
@@ -233,15 +264,20 @@ def contact(n: int = 10, dt: float = 1e-4, until: float = 0.01, law: str = "barr
     # Both films as one set of triangles, whose edges are tested against each other.
     films = [facets_of(film) for film in (lower, upper)]
     positions = []
+    velocities = []
     for film, facets in zip((lower, upper), films, strict=True):
         owned = run.system.state[film].owned
         positions.append(run.system.q0.array_r[owned].reshape(-1, 3)[facets.nodes])
+        velocities.append(run.system.v0.array_r[owned].reshape(-1, 3)[facets.nodes])
     all_triangles = np.vstack([films[0].triangles, films[1].triangles + len(positions[0])])
     kept = ("cpu", "wall", "dofs", "steps", "Newton/step", "rejected", "ΔE/E")
     return {name: figures[name] for name in kept} | {
         "ΔP/P": relative_drift(run.totals.momentum, run.first.momentum),
         "ΔL/L": relative_drift(run.totals.angular_momentum, run.first.angular_momentum),
         "penetrations": contact_scene.penetrations(np.vstack(positions), all_triangles),
+        **contact_scene.figures_of_upper(
+            np.vstack(positions), np.vstack(velocities), all_triangles
+        ),
     }
 
 
@@ -288,7 +324,7 @@ def orthotropic(law: str = "braid", order: int = 1, n: int = 48, steps: int = 20
 
 
 SOLVERS: tuple[Callable[..., Figures], ...] = (
-    *(sheet, tube, antenna, pendulum, airbag, plate, contact, orthotropic),
+    *(sheet, tube, antenna, pendulum, airbag, blown, plate, contact, orthotropic),
     *(profile, rank_counts, scaling_model, gradient, contact_cost),
 )
 

@@ -23,7 +23,7 @@ from demos.antennas import antenna_pendulum
 from demos.films import spinning_sheet
 from demos.inflatables import inflate_tube
 from demos.sails import ikaros
-from gossamer_fx.core.model.body import MeshBody
+from gossamer_fx.extend import MeshBody
 
 Figures = dict[str, float]
 COMM = MPI.COMM_WORLD

@@ -15,6 +15,24 @@ import numpy as np
 MODULI = {"E1": 588e6, "E2": 588e6, "nu12": 0.2, "G12": 20e6}
 
 
+# The airbag that is blown up: its pressure grows during this time [s] and stays; its film has a
+# damping in proportion to its mass [1/s], which both programs have; until the end [s] its volume is
+# compared at `instants_of`.
+RISE = 0.01
+MASS_DAMPING = 60.0
+BLOWN_UNTIL = 0.08
+
+
+def volume_below(x: np.ndarray, triangles: np.ndarray) -> float:
+    """Volume [m³] of the whole airbag, from the positions x (p, 3) of a quarter of one sheet: eight
+    times that between its triangles (t, 3) and the plane z = 0."""
+    corners = x[triangles]
+    first = corners[:, 1] - corners[:, 0]
+    second = corners[:, 2] - corners[:, 0]
+    areas = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+    return 8 * abs(float(np.dot(areas, corners[:, :, 2].mean(axis=1))))
+
+
 @dataclass(frozen=True)
 class Shape:
     """A flat plate, ν = 0, clamped at one end: `load` per length of the other end, across, and its
@@ -57,6 +75,6 @@ def mapped(shape: str, u, v):
 
 
 def instants_of(until: float) -> list[float]:
-    """Forty instants [s] at which the heights of the tip of the pendulum are compared: with an end
-    of 2 s they are multiples of all steps."""
+    """Forty instants [s] at which motions are compared: multiples of all steps of the pendulum, if
+    the end is 2 s."""
     return [until * k / 40 for k in range(1, 41)]

@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.arc_polygon import arc_radius
 
 

@@ -13,8 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.outputs.output import Output, Probe
+from gossamer_fx.extend import Array, Output, Probe
 
 # Units of the figures of deployments by the beginnings of their names; the longest one counts.
 UNITS = {

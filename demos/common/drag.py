@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.mechanics.orbit.optics import Rows, flow_coefficients
 
 EARTH = 6378137.0  # equatorial radius [m], WGS 84

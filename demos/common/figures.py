@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

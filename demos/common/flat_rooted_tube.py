@@ -62,12 +62,10 @@ from demos.common.manufacturing import (
     move_rows,
     stations,
 )
-from gossamer_fx.build.fold.folding import Folding
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Folding, Probe
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import AIR, NITROGEN
-from gossamer_fx.records.outputs.output import Probe
 
 TITLE = "A folded tube with flat ends, deployed from a tank"
 VIEW = gx.plot.View(azimuth=math.radians(-30), elevation=math.radians(15), zoom=True)

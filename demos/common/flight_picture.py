@@ -9,19 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Probe, StateView, check, check_arguments
 from gossamer_fx.mechanics.orbit.environment import local_axes
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.records.fields.units import plain_text
-from gossamer_fx.records.outputs.output import Probe
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.plot.camera import Camera, aim, render
 from gossamer_fx.records.plot.colours import by_state
 from gossamer_fx.records.plot.picture import NEVER, DrawnRun
 from gossamer_fx.records.plot.run_reader import RunReader, Tables
-from gossamer_fx.solve.view import StateView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

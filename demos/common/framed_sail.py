@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 
 SIDE = 10.0  # of the sail [m]
 GAP = 0.2  # between the sail and the frame, bridged by the springs [m]

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any
 
 import gossamer_fx as gx
-from gossamer_fx.build.fold.folding import Folded, Folding
+from gossamer_fx.build.fold.folding import Folded
 from gossamer_fx.extend import (
     FilmLaw,
+    Folding,
     State,
     Term,
     Vector,

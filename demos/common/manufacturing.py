@@ -16,8 +16,7 @@ import numpy as np
 
 import gossamer_fx as gx
 from gossamer_fx.build.fold.polyline import Bent
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, check
 
 # Errors over their standard deviation.
 LARGEST = 2.0

@@ -13,9 +13,7 @@ import numpy as np
 import gossamer_fx as gx
 from demos.common.deployment import dissipation, run_figures
 from demos.common.figures import BLUE, RED, finish
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.outputs.output import Probe
-from gossamer_fx.solve.system.totals import relative_drift
+from gossamer_fx.extend import Array, Probe, relative_drift
 
 RPM = 2 * math.pi / 60
 # In rad/s.

@@ -34,8 +34,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.manufacturing import Specimen, UnevenZigzag, move_rows, stations
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.film import IsotropicFilm
+from gossamer_fx.extend import Array, IsotropicFilm
 from gossamer_fx.meshes.tube import flat_tube
 
 # Tip force over that at which the film begins to wrinkle, p π r³/2 over the length (Stein &

@@ -49,7 +49,7 @@ from demos.validation.engine.case import Measured, Test, read_case
 from demos.validation.models import braided_tube
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.solve.system.system import System
 
 CASES = Path(__file__).parents[1] / "validation" / "cases"

@@ -48,8 +48,7 @@ from numpy.polynomial import Legendre
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
-from gossamer_fx.core.forms.backend import geometry_nodes
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, geometry_nodes
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.presets.films import KAPTON_HN
 

@@ -51,9 +51,8 @@ from demos.common.flat_rooted_tube import build as flat_rooted_tube
 from demos.common.manufacturing import draw_specimen
 from demos.common.tube_bending import bent_tube
 from gossamer_fx.app.sweep.factorial import run_factorial
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Probe
 from gossamer_fx.presets.films import KAPTON_HN
-from gossamer_fx.records.outputs.output import Probe
 
 # A short tube, so that a run takes some ten seconds of CPU time [m].
 LENGTH = 0.16

@@ -35,7 +35,7 @@ from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.common.spinning import spins
 from demos.sails import ikaros
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 
 # Spin of the sail, and how much faster the hub is at first [rpm].
 SPIN = 2.5

@@ -34,7 +34,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures, smooth, smooth_start
 from demos.common.figures import BLUE, GREEN, RED, finish, new_figure, save
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.sheet import sheet
 
 EDGE = 0.1  # of a sheet [m]

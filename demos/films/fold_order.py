@@ -40,7 +40,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import draw_films, triangles
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.sails import parallelograms
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.presets.films import KAPTON_HN

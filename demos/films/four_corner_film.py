@@ -20,8 +20,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import draw_film, new_figure, save
-from gossamer_fx.core.forms.backend import geometry_nodes
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, geometry_nodes
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 
 TENSION = 10.0  # n0 of the film [N/m]

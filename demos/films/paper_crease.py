@@ -37,7 +37,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.creased_strip import creased_strip
 
 PANEL = 0.02  # length of a panel [m]

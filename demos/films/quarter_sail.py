@@ -31,7 +31,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.arcs import arc_mesh, arcs, corner_pulls, radii_of
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.presets.films import KAPTON_HN
 

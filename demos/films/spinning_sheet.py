@@ -21,8 +21,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
+from gossamer_fx.extend import relative_drift
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solve.system.totals import relative_drift
 
 SPIN = 10.0  # rad/s
 TITLE = "A free film, spinning and fluttering"

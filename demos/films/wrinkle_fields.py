@@ -22,9 +22,8 @@ import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import new_figure, save
 from demos.studies import airbag, bending_strip
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, FieldFunctions
 from gossamer_fx.mechanics.materials.film import WRINKLED
-from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import STATES
 from gossamer_fx.records.plot.colours import STATE_COLOURS
 

@@ -54,13 +54,10 @@ from demos.common.deployment import (
 )
 from demos.common.inflatable_tube import InflatableTube
 from demos.common.tube_bending import tip_stiffness
-from gossamer_fx.analysis.cases.results import read_results
-from gossamer_fx.core.checks.errors import on_rank_zero
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Probe, on_rank_zero, read_results
 from gossamer_fx.meshes.round_tube import round_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
-from gossamer_fx.records.outputs.output import Probe
 
 TITLE = "A folded tube deploys from a tank to a stiff boom"
 VIEW = gx.plot.View(azimuth=math.radians(-25), elevation=math.radians(15))

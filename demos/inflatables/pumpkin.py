@@ -37,7 +37,7 @@ from scipy.optimize import fsolve
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import draw_films, triangles
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.mechanics.loads.pressure import STANDARD_GRAVITY
 
 # Radius over half the length of a meridian, of the mylar balloon.

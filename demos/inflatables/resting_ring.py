@@ -29,7 +29,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREEN, RED, draw_film, finish, new_figure, save, triangles
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.presets.gases import AIR
 
 RADIUS = 0.5  # of the centre line [m]

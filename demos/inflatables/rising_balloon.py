@@ -49,7 +49,7 @@ from demos.common.figures import (
     save,
     triangles,
 )
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import AIR, HELIUM
 

@@ -44,7 +44,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, draw_film, finish, new_figure, save, triangles
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.tube_section import capped_cylinder
 from gossamer_fx.presets.gases import AIR
 

@@ -95,14 +95,10 @@ from demos.common.deployment import (
 )
 from demos.common.inflatable_tube import InflatableTube
 from demos.common.lidded_box import LiddedBox
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.mechanics.contact.obstacles import Obstacle
+from gossamer_fx.extend import Array, Obstacle, Port, Probe, check_arguments, relative_drift
 from gossamer_fx.meshes.creased import creased_film, creased_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
-from gossamer_fx.records.outputs.output import Probe
-from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "Two tubes in V unfold a film from a cube"
 VIEW = gx.plot.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)

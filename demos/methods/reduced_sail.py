@@ -28,9 +28,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
+from gossamer_fx.extend import Output, relative_drift
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.records.outputs.output import Output
-from gossamer_fx.solve.system.totals import relative_drift
 
 SIDE = 14.0  # of the sail [m]
 SPIN = 2.5 * 2 * np.pi / 60  # 2.5 rpm [rad/s]

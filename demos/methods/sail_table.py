@@ -49,7 +49,7 @@ from demos.common.figures import (
     save,
     triangles,
 )
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE, Rows, light_force
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 

@@ -33,7 +33,7 @@ from scipy.spatial import Delaunay
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, RED, finish, new_figure, save
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.arrays import Groups, Numbers, Points, mesh_of_arrays
 
 RADIUS = 0.5  # of the centre line of the ring [m]

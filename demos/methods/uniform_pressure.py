@@ -43,7 +43,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, RED, finish, new_figure, save
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN

@@ -28,7 +28,7 @@ from demos.common.figures import (
     petals_of,
     save,
 )
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 
 ALTITUDE = 4e5  # m
 MASS = 10.0  # kg

@@ -38,7 +38,7 @@ from demos.common.figures import (
     save,
     triangles,
 )
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.airbag import CORNERS, airbag
 from gossamer_fx.presets.films import MYLAR
 from gossamer_fx.presets.gases import NITROGEN

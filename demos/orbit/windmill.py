@@ -40,7 +40,7 @@ from demos.common.figures import (
     save,
 )
 from demos.common.spinning import RPM
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.mechanics.orbit.optics import Rows, light_force
 from gossamer_fx.mechanics.orbit.sky import AU, MU_SUN
 

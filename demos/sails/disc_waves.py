@@ -51,7 +51,7 @@ from demos.common.deployment import UNITS, print_figures, run_case
 from demos.common.figures import finish, new_figure, save
 from demos.common.spinning import RING_POINTS, heights_of_ring, ring_heights, spin_figures
 from demos.sails import spin_deployment
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.presets.films import KAPTON_HN
 

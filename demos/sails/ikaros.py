@@ -63,9 +63,8 @@ from demos.common.spinning import (
     spin_figures,
     spin_probes,
 )
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Probe
 from gossamer_fx.meshes.sails import trapezoids
-from gossamer_fx.records.outputs.output import Probe
 
 TITLE = "IKAROS, stage 2: from the cross to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50))

@@ -49,9 +49,8 @@ from demos.common.spinning import (
     turned,
 )
 from demos.sails.ikaros import HUB_HEIGHT, HUB_INERTIA, PETALS, TIP, UNITS, hub_body
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Output, Probe
 from gossamer_fx.meshes.line import line
-from gossamer_fx.records.outputs.output import Output, Probe
 
 TITLE = "IKAROS, stage 1: arms are let out by guides"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(60))

@@ -58,10 +58,9 @@ from demos.orbit.windmill import (
 )
 from demos.sails import ikaros
 from gossamer_fx.analysis.reduction.reduced_membrane import ReducedMembrane
-from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.extend import Array, Output, Port
 from gossamer_fx.mechanics.orbit.sky import AU
 from gossamer_fx.meshes.sails import trapezoids
-from gossamer_fx.records.outputs.output import Output
 
 PITCH = 0.64  # between folds, and side of the squares that are devices [m]
 INNER = 2  # rows of the hole

@@ -73,7 +73,7 @@ from demos.sails.ikaros_arms import (
     START,
 )
 from demos.sails.ikaros_arms import FLIGHT as STAGE_1
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.line import line
 
 TITLE = "IKAROS, stage 1 in days: arms are let out slowly"

@@ -69,7 +69,7 @@ from demos.sails.ikaros import (
 )
 from demos.sails.ikaros_arms import FLIGHT as STAGE_1
 from demos.sails.ikaros_arms import START, ring_probes
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 
 TITLE = "IKAROS, from the roll to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50), zoom=True)

@@ -32,8 +32,7 @@ from demos.common.deployment import dissipation, print_figures, run_case
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.common.spinning import spins
 from demos.sails import ikaros
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, check
 
 
 def main(

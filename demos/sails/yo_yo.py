@@ -32,9 +32,8 @@ import gossamer_fx as gx
 from demos.common.deployment import print_figures, run_case, run_figures
 from demos.common.figures import BLUE, RED, finish, new_figure, save
 from demos.common.spinning import drum
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, relative_drift
 from gossamer_fx.meshes.line import line
-from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "A hub is stopped by two masses on cords"
 RADIUS = 0.1  # of the cylinder [m]

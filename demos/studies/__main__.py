@@ -29,9 +29,17 @@ from mpi4py import MPI
 
 from demos.studies.engine.named import outcome_of, study_of
 from demos.studies.engine.study import SUMMARY_HEAD
-from gossamer_fx.analysis.cases.case_set import Judgement, changes, run_cases, verdict
-from gossamer_fx.analysis.cases.results import markdown_table, read_results, write_results
-from gossamer_fx.core.checks.errors import InputError, on_rank_zero
+from gossamer_fx.extend import (
+    InputError,
+    Judgement,
+    changes,
+    markdown_table,
+    on_rank_zero,
+    read_results,
+    run_cases,
+    verdict,
+    write_results,
+)
 
 HERE = Path(__file__).parent
 NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))

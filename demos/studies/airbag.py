@@ -19,10 +19,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.engine.study import NOT_STABLE, Measure, Study, search_figures
 from gossamer_fx.analysis.statics.result import EquilibriumResult
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import AreaFractions, FieldFunctions, FilmLaw
 from gossamer_fx.meshes.sheet import crossed_sheet
-from gossamer_fx.records.fields.fields import FieldFunctions
-from gossamer_fx.records.fields.film_states import AreaFractions
 
 # Overpressure [Pa].
 PRESSURE = 5000.0

@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from demos.antennas.antenna_attitude import main
 from demos.studies.engine.study import Claim, Study
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 # Arguments of the demo.
 MODELS: dict[str, dict[str, Any]] = {

@@ -24,9 +24,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.airbag import displacement
 from demos.studies.engine.study import Measure, Study, search_figures
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import AreaFractions, FilmLaw
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.records.fields.film_states import AreaFractions
 
 # Height, length and thickness [m]; modulus [Pa]; tension σ0 [Pa], a strain of 1e-4.
 H = 1.0

@@ -24,9 +24,8 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from demos.common.searches import Effort
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import AreaFractions, Array
 from gossamer_fx.meshes.tube_section import cylinder
-from gossamer_fx.records.fields.film_states import AreaFractions
 
 # Sizes [m] and modulus [Pa] of half of the tube.
 RADIUS = 1.0

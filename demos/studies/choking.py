@@ -32,7 +32,7 @@ import gossamer_fx as gx
 from demos.common.deployment import first_time, run_figures
 from demos.common.flat_rooted_tube import LOSS_FACTOR, OPEN, build
 from demos.studies.engine.study import Study
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 # End of a run [s], and diameter of the round tube of the demo [m].
 UNTIL = 12e-3

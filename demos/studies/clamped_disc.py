@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study, search_figures
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import FilmLaw
 from gossamer_fx.meshes.disc import quarter_disc
 
 # A radius of 1 m; pressures are given over E t/a.

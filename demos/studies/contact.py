@@ -37,8 +37,7 @@ import gossamer_fx as gx
 from demos.common.inflatable_tube import InflatableTube
 from demos.studies import stability
 from demos.studies.engine.study import Study
-from gossamer_fx.analysis.cases.results import Result
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import Result, check
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, plane_grid, triangles_of
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet

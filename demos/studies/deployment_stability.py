@@ -38,7 +38,7 @@ from mpi4py import MPI
 from demos.sails import ikaros, spin_deployment
 from demos.studies.engine.deployments import LEDGER, NUDGE, arguments
 from demos.studies.engine.study import Study
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 DIAMETER = 1.0
 REV = 8.0

@@ -42,8 +42,7 @@ import gossamer_fx as gx
 from demos.studies import wrinkled_plate
 from demos.studies.engine.study import NOT_REGULAR, NOT_STABLE, Claim, Study, search_figures
 from demos.studies.wrinkled_plate import FILM, HEIGHT, LEAN, LENGTH
-from gossamer_fx.analysis.cases.results import Result
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import FilmLaw, Result
 from gossamer_fx.meshes.plates import leaning_sheet
 from gossamer_fx.meshes.sheet import sheet
 

@@ -48,9 +48,7 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from demos.studies.bending_strip import supported
 from demos.studies.engine.study import NOT_REGULAR, NOT_STABLE, Claim, Study, search_figures
-from gossamer_fx.analysis.cases.results import Result
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import Array, FilmLaw, Result
 from gossamer_fx.meshes.sheet import sheet
 
 # Height and length of the strip [m].

@@ -37,8 +37,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study, no_order
-from gossamer_fx.analysis.cases.results import Result
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Result
 from gossamer_fx.meshes.line import line
 
 # Rise of the truss over half of its span.

@@ -32,7 +32,7 @@ import gossamer_fx as gx
 from demos.studies.engine.deployments import arguments
 from demos.studies.engine.study import ROUND_OFF, Study
 from demos.studies.stability import draw
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import check
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.sheet import crossed_sheet
 

@@ -46,7 +46,7 @@ from demos.common import flat_rooted_tube
 from demos.sails import spin_deployment
 from demos.studies.engine.deployments import LEDGER, NUDGE, arguments
 from demos.studies.engine.study import Study
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 # Arguments of the demos that cases change by a nudge, and their values.
 REV = 8.0
@@ -115,6 +115,18 @@ SMALL_VALVE_CASES = [
     f"tube pressure={LOW:g} {SMALL_VALVE} crease=0.005 set_angle_ratio=0",
     f"tube pressure={LOW:g} {SMALL_VALVE} crease=0.02 set_angle_ratio=0",
 ]
+# Film that loses as much as polymer films do: far less than a damping time of 0.1 ms.
+LOSS_FACTOR = f"damping=0 loss_factor={flat_rooted_tube.LOSS_FACTOR:g}"
+LITTLE_DAMPING = [
+    f"disc {LOSS_FACTOR}",
+    f"disc {LOSS_FACTOR} crease=0.002 set_angle_ratio=1",
+    f"disc {LOSS_FACTOR} crease=0.02 set_angle_ratio=0.5",
+    f"disc {LOSS_FACTOR} crease=0.02 set_angle_ratio=1",
+    f"disc rev=2 {LOSS_FACTOR}",
+    f"disc rev=2 {LOSS_FACTOR} crease=0.0002 set_angle_ratio=0",
+    f"disc rev=2 {LOSS_FACTOR} crease=0.002 set_angle_ratio=0",
+    f"disc rev=2 {LOSS_FACTOR} crease=0.002 set_angle_ratio=1",
+]
 # Starts that are nudged, and the accuracy of mesh and step.
 REPEATED = (
     "disc nudge=1",
@@ -142,6 +154,7 @@ ALL = [
     *SLOW_DISC,
     *TUBE_CASES,
     *SMALL_VALVE_CASES,
+    *LITTLE_DAMPING,
     *REPEATED,
     *ACCURACY,
 ]
@@ -299,7 +312,7 @@ def _is_drawn(result: Result, sail: str) -> bool:
     """Whether a result is one of a sail that the picture shows: not a nudged start, another mesh or
     step."""
     case = str(result.values["case"])
-    others = ("nudge", "cells", "dt", "largest", "n=6")
+    others = ("nudge", "cells", "dt", "largest", "n=6", "damping=0")
     is_other = any(word in case for word in others)
     return case.startswith(sail) and not result.failed and not is_other
 

@@ -39,9 +39,8 @@ import gossamer_fx as gx
 from demos.common import flat_rooted_tube
 from demos.sails import spin_deployment
 from demos.studies.engine.study import Study
-from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.analysis.sensitivity.transient import GROWTH_TO_WARN_OF
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array, Result
 
 # Relative error of a predicted change that is tolerated.
 TOLERATED = 0.1

@@ -27,9 +27,8 @@ from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study, search_figures
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import FieldFunctions, FilmLaw
 from gossamer_fx.meshes.disc import ring
-from gossamer_fx.records.fields.fields import FieldFunctions
 
 # Radii and thickness [m], modulus [Pa].
 HUB = 0.2

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from demos.orbit.windmill import FLIGHT
 from demos.sails.ikaros_devices import Build, figures, steady
 from demos.studies.engine.study import Claim, Study
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 AS_BUILT = "as built"
 # What differs from the sail as built.

@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study, search_figures
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.meshes.tube_section import capped_cylinder
 
 # Of the wall without pressure [m].

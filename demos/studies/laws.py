@@ -17,8 +17,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
 from demos.studies.engine.study import NOT_STABLE, Claim, Study, search_figures
-from gossamer_fx.mechanics.materials.film import FilmLaw
-from gossamer_fx.records.fields.film_states import AreaFractions
+from gossamer_fx.extend import AreaFractions, FilmLaw
 
 # Curvature over that of the first wrinkle, and cells over the height of the strip and along the
 # airbag's edge.

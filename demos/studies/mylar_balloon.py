@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import NOT_STABLE, Measure, Study
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import FilmLaw
 from gossamer_fx.meshes.disc import quarter_disc
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Study
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import FilmLaw
 from meshes.sheet import sheet
 
 # Step [s], and cells along an edge of 1 m.

@@ -33,9 +33,7 @@ from demos.methods.reduced_sail import CENTRE, SPIN, bowl, film, flight, saddle,
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.reduction.basis import mass_times
 from gossamer_fx.core.algebra.rotations import rotations
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.fields import FieldFunctions
-from gossamer_fx.solve.system.totals import relative_drift
+from gossamer_fx.extend import Array, FieldFunctions, relative_drift
 
 # Cells along an edge of the sail, step and length of a flight [s], spin of the predicted flight
 # over that of the recorded ones, and number of frequencies.

@@ -32,8 +32,7 @@ import gossamer_fx as gx
 from demos.common.flat_rooted_tube import BAND, LOSS_FACTOR
 from demos.studies.engine.deployments import arguments
 from demos.studies.engine.study import Study
-from gossamer_fx.analysis.cases.results import Result
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import Result, check
 from gossamer_fx.meshes.tube import flat_tube
 
 # Steps of a run, and their usual length [s].

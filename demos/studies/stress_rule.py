@@ -22,9 +22,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.films.spinning_sheet import main
 from demos.studies.engine.study import Claim, Study
-from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.mechanics.terms.discrete_gradient import StressRule, defect, gradient
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
+from gossamer_fx.extend import Expr, StoredEnergy, StressRule
+from gossamer_fx.mechanics.terms.discrete_gradient import defect, gradient
 
 # Steps of each run: enough that all cells switch their state.
 STEPS = 40

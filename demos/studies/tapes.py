@@ -18,7 +18,7 @@ from mpi4py import MPI
 from demos.sails.ikaros import ARM_END, main
 from demos.studies.engine.deployments import LEDGER, NUDGE
 from demos.studies.engine.study import Study
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 # What the picture shows: names, axis labels and factors to their units.
 PANELS: Sequence[tuple[str, str, float]] = (

@@ -25,8 +25,7 @@ import gossamer_fx as gx
 from demos.antennas.antenna_attitude import antenna
 from demos.films.spinning_sheet import throw
 from demos.studies.engine.study import Measure, Study, Trial
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.extend import Array, FilmLaw
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.meshes.sphere import sphere
 

@@ -37,9 +37,19 @@ from demos.validation.engine.overview import accuracy_words, overview
 from demos.validation.engine.report import figure, rows, summary
 from demos.validation.engine.results import case_set
 from demos.validation.engine.sensitivity import sensitivities
-from gossamer_fx.analysis.cases.case_set import Judgement, changes, run_cases, verdict
-from gossamer_fx.analysis.cases.results import Result, markdown_table, read_results, write_results
-from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.extend import (
+    InputError,
+    Judgement,
+    Result,
+    changes,
+    check,
+    markdown_table,
+    on_rank_zero,
+    read_results,
+    run_cases,
+    verdict,
+    write_results,
+)
 
 HERE = Path(__file__).resolve().parent
 CASES = HERE / "cases"

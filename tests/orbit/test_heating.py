@@ -13,7 +13,7 @@ from dolfinx.mesh import locate_entities
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.orbit.radiation import (
+from gossamer_fx.mechanics.orbit.film_heat import (
     STEFAN_BOLTZMANN,
     advance,
     equilibrium_temperature,

@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.orbit.radiation import STEFAN_BOLTZMANN
+from gossamer_fx.mechanics.orbit.film_heat import STEFAN_BOLTZMANN
 from gossamer_fx.mechanics.orbit.solar_heating import LIGHT_SPEED
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere

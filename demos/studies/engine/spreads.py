@@ -15,8 +15,7 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx.analysis.answer_spread import LIMIT, Spread, one_at_a_time
-from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import CaseSet, Judgement, Result
 
 
 @dataclass(frozen=True)

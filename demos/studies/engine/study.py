@@ -17,17 +17,18 @@ from typing import Any
 
 from mpi4py import MPI
 
-from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
-from gossamer_fx.analysis.cases.results import (
+from gossamer_fx.analysis.statics.result import EquilibriumResult
+from gossamer_fx.extend import (
+    CaseSet,
     ErrorCurve,
+    Judgement,
     Result,
+    check,
     draw_error_curves,
     number_text,
     observed_order,
     values_text,
 )
-from gossamer_fx.analysis.statics.result import EquilibriumResult
-from gossamer_fx.core.checks.errors import check
 
 Trial = Mapping[str, Any]  # the values along the axes
 

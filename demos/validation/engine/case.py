@@ -54,7 +54,7 @@ from typing import Any
 import numpy as np
 
 from demos.validation.engine.units import UNITS, conversion_factor
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.extend import InputError, check
 
 # Of case files.  A reader refuses files of a later format, whose entries it may misunderstand.
 FORMAT = 1

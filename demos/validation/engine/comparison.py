@@ -10,7 +10,7 @@ import numpy as np
 
 from demos.validation.engine.case import Array, Case, Measured, Test
 from demos.validation.engine.units import UNITS
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 # Digits of stored numbers: more only make files larger.
 DIGITS = 7

@@ -12,7 +12,7 @@ import numpy as np
 from demos.validation.engine.case import Case
 from demos.validation.engine.comparison import Comparison, comparisons, results_by_test
 from demos.validation.engine.report import is_asked, percent
-from gossamer_fx.analysis.cases.results import Result, markdown_table
+from gossamer_fx.extend import Result, markdown_table
 
 HEAD = [
     "family",

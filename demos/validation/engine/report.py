@@ -21,7 +21,7 @@ from demos.validation.engine.comparison import (
     results_by_test,
 )
 from demos.validation.engine.units import UNITS
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import Result
 
 HEAD = [
     "case",

@@ -14,8 +14,7 @@ from mpi4py import MPI
 from demos.validation.engine.case import Case
 from demos.validation.engine.comparison import comparisons, numbers_of, results_by_test
 from demos.validation.engine.report import asked, figure, rows
-from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
-from gossamer_fx.analysis.cases.results import Result
+from gossamer_fx.extend import CaseSet, Judgement, Result
 
 
 def case_set(

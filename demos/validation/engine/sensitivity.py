@@ -11,7 +11,8 @@ from mpi4py import MPI
 
 from demos.validation.engine.case import Case, Test, with_inputs
 from demos.validation.engine.comparison import compare
-from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, StepFailure
+from gossamer_fx.core.checks.errors import NoEquilibrium, StepFailure
+from gossamer_fx.extend import InputError
 
 # Relative change of an input: small, as stiffnesses of a braid are nearly singular.
 CHANGE = 0.01

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import check
 
 # Units of case files by the SI unit of the same dimension, each with its size in that unit.
 DIMENSIONS: dict[str, dict[str, float]] = {

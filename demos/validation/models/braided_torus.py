@@ -45,11 +45,7 @@ from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from demos.validation.models.braided_tube import Tube, cords_of, held_component
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Port, combine
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.terms.loads import PointLoad
+from gossamer_fx.extend import PointLoad, Port, State, Term, check, combine
 
 # Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
 # "cells_around" are given.

@@ -35,14 +35,16 @@ import gossamer_fx as gx
 from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import geometry_nodes
-from gossamer_fx.core.model.body import Port
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.extend import (
+    PointConstraint,
+    PointMeasure,
+    Port,
+    State,
+    Term,
+    check,
+    geometry_nodes,
+)
 from gossamer_fx.mechanics.bodies.rigid_body import RigidPiece
-from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
 
 # Cells over half of the section in the full and the quick form, unless the input "cells_around" is

@@ -29,7 +29,7 @@ from demos.common.spinning import drum
 from demos.sails.yo_yo import STANDOFF, WoundCord, on_drum
 from demos.validation.engine.case import Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import check
 
 # Cells of a cord and longest step [s], unless the inputs "cells" and "longest_step" are given.
 CELLS = 24

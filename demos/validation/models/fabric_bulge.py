@@ -26,9 +26,7 @@ import gossamer_fx as gx
 from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.mechanics.materials.film import IsotropicFilm
+from gossamer_fx.extend import Expr, IsotropicFilm, check
 from gossamer_fx.meshes.disc import quarter_disc
 
 # Cells along the radius.

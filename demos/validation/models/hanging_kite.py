@@ -45,15 +45,8 @@ from demos.common.searches import Effort
 from demos.studies.bent_tube import wrinkled_angle
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.terms.point_energies import (
-    PointStoredEnergy,
-    one_sided_average,
-    one_sided_energy,
-)
+from gossamer_fx.extend import PointMeasure, PointStoredEnergy, State, Term, check
+from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, triangles_of
 from gossamer_fx.meshes.line import line
 

@@ -38,7 +38,7 @@ from demos.validation.models.braided_tube import (
     inflated_stretches,
     inflation,
 )
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import check
 from gossamer_fx.records.fields.film_states import STATES
 
 # Cells over half of the section.

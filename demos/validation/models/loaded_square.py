@@ -17,7 +17,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import check
 from gossamer_fx.meshes.arrays import (
     cell_corners,
     mesh_of_arrays,

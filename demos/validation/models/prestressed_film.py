@@ -20,7 +20,7 @@ import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from demos.validation.models.fabric_bulge import Bulge
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import check
 from gossamer_fx.meshes.sheet import sheet
 
 # Cells over half of the width, and the largest length of a cell over its width: fields change along

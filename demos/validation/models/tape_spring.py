@@ -28,7 +28,7 @@ from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx import Mesh
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import check
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
 from gossamer_fx.records.fields.fields import positions
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.extend import check
 
 # Steps of the quick form over those of the case file.
 QUICK_SHARE = 0.5

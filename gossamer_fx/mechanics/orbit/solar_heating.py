@@ -6,7 +6,7 @@ Each triangle has one temperature T.  Per area of the stress-free film
 
 with the flux S of sunlight along u, eclipse included, the area vector a of the deformed triangle
 over its stress-free area, and the absorptivity of the face that is lit; F are view factors of both
-faces to the central body, which sends infrared and reflected sunlight (`orbit.radiation`).
+faces to the central body, which sends infrared and reflected sunlight (`orbit.film_heat`).
 
 The temperatures are advanced once at the beginning of a step of the motion, with the fluxes at its
 middle: the orbit there is known, and the shape is extrapolated as q0 + ½ h v0.  That is of order 2
@@ -55,10 +55,10 @@ from gossamer_fx.extend import (
     positive,
     thermal_strain_of,
 )
+from gossamer_fx.mechanics.orbit.film_heat import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.optics import Share
 from gossamer_fx.mechanics.orbit.orbit import Orbit
-from gossamer_fx.mechanics.orbit.radiation import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.mechanics.orbit.shadow_map import ShadowMap
 from gossamer_fx.mechanics.orbit.sky import AU
 from gossamer_fx.mechanics.orbit.solar_pressure import Pixels

@@ -78,8 +78,10 @@ class AreaFractions:
         group: of cells of their meshes; empty: the whole films.
 
     Example:
-        >>> from gossamer_fx.records.fields.film_states import AreaFractions
+        >>> run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1))
         >>> slack, wrinkled, taut = AreaFractions([film])(run.system)
+        >>> round(float(slack + wrinkled + taut), 12)
+        1.0
     """
 
     def __init__(self, films: Sequence[Membrane], at: At = "mean", group: str = "") -> None:
