@@ -5,7 +5,7 @@ and `slepc.cfg`, which name a library to load, and UCX, on which Open MPI stands
 which names files to write.  dolfinx and FFCx read options there that change what forms compute,
 matplotlib its `matplotlibrc`.  A folder with the recording of a stranger must not do that.  So
 these libraries are imported while another folder is the current one, and PETSc is started without
-such files.  A scene file may import modules of its own folder, but none that stands for a library
+such files.  A scene file may import modules next to it, but none that stands for a library
 of this package, e.g. a file `gmsh.py`.
 
 What the user's own configuration says stays: `~/.config` for FFCx, dolfinx and matplotlib, and for
