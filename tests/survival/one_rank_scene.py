@@ -12,14 +12,14 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 
-# Of the environment, as the file itself may be the place.
+# Of the environment, as the file itself may be one.
 PLACE = os.environ["PLACE"]
 HOW = os.environ["HOW"]
 DT = 1e-3
 
 
 def end(place: str) -> None:
-    """End on the last rank if this is the place."""
+    """End on the last rank if this is it."""
     if place != PLACE or MPI.COMM_WORLD.rank < MPI.COMM_WORLD.size - 1:
         return
     if HOW == "exit":

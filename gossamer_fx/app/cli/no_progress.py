@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from gossamer_fx.records.run.simulation import Simulation
+    from gossamer_fx.solve.view import StateView
 
 # Seconds for which a rank that is not in the user's file waits for one that is, to name its line.
 _GRACE = 2.0
@@ -45,16 +45,16 @@ class NoProgress:
         self._main = threading.get_ident()
         threading.Thread(target=self._wait, daemon=True).start()
 
-    def open(self, run: Simulation) -> None:
-        """Count the time anew from the start of the run."""
+    def open(self, run: StateView) -> None:
+        """Count the time from the start of the run."""
         self._since = time.monotonic()
 
-    def record(self, run: Simulation, last: bool) -> None:
-        """Count the time anew from this step."""
+    def record(self, run: StateView, last: bool) -> None:
+        """Count the time from this step."""
         self._since = time.monotonic()
         self._after = f"after step {run.step}"
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: StateView) -> None:
         """Let the program take any time from now on."""
         self._closed.set()
 
