@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
 from gossamer_fx.analysis.sensitivity.variables import AdjointFields, _names_of, find_variables
+from gossamer_fx.analysis.vibration import natural_modes
 from gossamer_fx.meshes.sheet import sheet
 from tests.invariance.kinds import KINDS, Kind
 from tests.invariance.test_invariance import in_each_kind, written
@@ -229,3 +230,30 @@ def test_the_stability_of_a_film_under_a_pressure_without_potential_is_not_known
         gx.Pressure(right, 100.0, name="on the right"),
     ]
     assert gx.Equilibrium(gx.Scene(*items)).find(progress=False).unstable == -1
+
+
+def test_modes_of_tied_film_that_a_search_has_not_found_are_searched_again(
+    comm, monkeypatch
+) -> None:
+    """The stiffness is symmetric only in the motions that the ties allow, so that it was not
+    counted."""
+    (tube,) = (kind for kind in AT_REST if kind.name == "inflated tube")
+    at = Description(SINGLE["split"], comm)
+    equilibrium = gx.Equilibrium(gx.Scene(*at.in_order(tube.make(at).parts)))
+    equilibrium.find(progress=False)
+    expected = [mode.frequency for mode in gx.analysis.modes(equilibrium, 3)]
+    search = natural_modes._search
+    searches = []
+
+    def forgetful(operator, count: int, shift: float):
+        """Leave the lowest mode out, at first."""
+        searches.append(count)
+        if len(searches) > 1:
+            return search(operator, count, shift)
+        found = sorted(search(operator, count + 1, shift), key=lambda mode: mode.frequency)
+        return iter(found[1:])
+
+    monkeypatch.setattr(natural_modes, "_search", forgetful)
+    found = [mode.frequency for mode in gx.analysis.modes(equilibrium, 3)]
+    assert len(searches) > 1
+    assert found == pytest.approx(expected, rel=1e-6)

@@ -207,3 +207,44 @@ def test_an_open_film_under_pressure_names_what_does_not_close_it(comm):
     with pytest.raises(gx.NoEquilibrium, match=words) as failure:
         Equilibrium(scene, search).find()
     assert "gx.analysis.path follows its equilibria" in str(failure.value)
+
+
+def beam_with_dead_moment(comm, moments: tuple[float, float, float]) -> gx.Equilibrium:
+    """A beam of 10 m, held at its start, with a moment at its end, over E I, whose direction stays
+    [1/m]."""
+    section = gx.sections.rectangle(0.1, 0.1, E=1e7, nu=0.0, density=1000.0)
+    beam = gx.Beam(line(comm, [(0.0, 0.0, 0.0), (10.0, 0.0, 0.0)], 20), section)
+    bending_stiffness = 1e7 * 0.1**4 / 12
+    torque = gx.loads.Torque(beam.frame("end"), tuple(bending_stiffness * m for m in moments))
+    return gx.Equilibrium(gx.Scene(beam, gx.Fixed(beam, "start", rotation=True), torque))
+
+
+def test_a_beam_that_a_dead_moment_winds_up_comes_to_the_full_load(comm):
+    """Bent to a full turn, and twisted."""
+    result = beam_with_dead_moment(comm, (0.3, 0.0, 0.2 * np.pi)).find(progress=False)
+    assert result.regular and result.within_tolerance
+
+
+def test_a_dead_moment_that_is_not_reached_names_the_path(comm):
+    with pytest.raises(gx.NoEquilibrium, match=r"gx\.analysis\.path follows its equilibria"):
+        beam_with_dead_moment(comm, (1.0, 0.0, 0.4)).find(progress=False)
+
+
+def test_a_constraint_elsewhere_does_not_hide_an_open_film(comm):
+    """A tie on one side of the sheet leaves the others free."""
+    sheet_of_film = film(comm)
+    search = gx.analysis.Continuation(total_iterations=20)
+    other = gx.Membrane(
+        sheet(comm, 2, 2, 1.0, 1.0),
+        sheet_of_film.law,
+        displacement=lambda X: np.vstack([1.0 + 0 * X[0], 0 * X[0], 0 * X[0]]),
+        name="other",
+    )
+    scene = gx.Scene(
+        gx.Fixed(sheet_of_film, "left"),
+        gx.Pressure(sheet_of_film, 1e3, name="wind"),
+        gx.Tie(sheet_of_film, other, group_a="right", group_b="left"),
+    )
+    words = "Nothing closes the open film 'film' against 'wind'"
+    with pytest.raises(gx.NoEquilibrium, match=words):
+        Equilibrium(scene, search).find()

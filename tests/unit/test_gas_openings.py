@@ -456,3 +456,59 @@ def test_other_laws_are_not_computed_in_c():
     for other in others:
         run = run_of(vessel, other, dt=0.1)
         assert type(run.system.scalar_unknowns[0].balance) is Balance
+
+
+# ---- own items -----------------------------------------------------------------------------------
+
+
+class LooseOpening:
+    """All members of an opening, without its base class."""
+
+    name = "slit"
+
+    def __init__(self, a, b):
+        self.a = a
+        self.b = b
+
+    def requires(self):
+        return [self.a, self.b]
+
+    def terms(self, start):
+        return []
+
+    def aperture(self, geometry):
+        return lambda h, t: 1e-6
+
+    def flow(self, gases, area, p, T):
+        return area * 1e-3 * (p[0] - p[1])
+
+
+class LooseWall:
+    """All members of a wall, without its base class."""
+
+    name = "heater"
+    temperature = 400.0
+
+    def __init__(self, chamber):
+        self.chamber = chamber
+
+    def requires(self):
+        return [self.chamber]
+
+    def terms(self, start):
+        return []
+
+    def compile(self, geometry):
+        return lambda h: (400.0, lambda T: 1.0)
+
+
+@pytest.mark.mpi(1)
+@pytest.mark.parametrize(
+    ("item", "base"),
+    [(LooseOpening(tank(2e5), tank(1e5, "sink")), "Opening"), (LooseWall(tank(1e5)), "Wall")],
+    ids=["opening", "wall"],
+)
+def test_an_own_item_without_its_base_class_is_refused_and_not_left_out(item, base):
+    words = f"'{item.name}' .* is not derived from it.* derive it from gossamer_fx.extend.{base}"
+    with pytest.raises(gx.InputError, match=words):
+        run_of(item, dt=1e-2)

@@ -392,3 +392,16 @@ def test_the_strain_of_a_taut_stress_is_the_inverse_of_the_stress(law) -> None:
     stress = np.array([[1.0, 2.0, 0.3], [0.4, 0.3, -0.15], [2.0, 1.0, 0.0]])
     e = Samples(lambda S: law.taut_strain(S, c))(stress)
     assert e @ stiffness(law) == pytest.approx(stress, rel=1e-12, abs=1e-12)
+
+
+@every_law
+@pytest.mark.parametrize("pulled", [0, 1])
+def test_film_that_is_pulled_in_one_axis_only_is_taut(law, pulled: int) -> None:
+    """Its stress across is zero to round-off, on the boundary of the states taut and wrinkled."""
+    c = constants(law, SQUARE)
+    c.cosine = 1.0
+    c.sine = 0.0
+    stress = np.zeros((20, 3))
+    stress[:, pulled] = np.linspace(0.1, 2.0, 20)
+    state = Samples(lambda e: law.state(e, c) * 1.0)(stress @ np.linalg.inv(stiffness(law)))
+    assert set(state.ravel()) == {TAUT}

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
+from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.point_measures import attach
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.mesh.enclosed_volume import Enclosed, enclosed_by
 from gossamer_fx.core.model.body import Array
@@ -133,9 +136,8 @@ def collapsing_pressures(
 def _open_films(system: System, pressed_films: Iterable[PressedFilm]) -> Iterator[str]:
     """Yield a sentence for each film under a pressure that is open, and free along a part of its
     rim: a pressure that follows it has no potential there, and turns it over.  Collective."""
-    if system.constraints is not None:
-        # What is sewn or tied may be closed.
-        return
+    # What is sewn or tied may be closed there.
+    is_tied = _tied_unknowns(system)
     for pressed in pressed_films:
         film = pressed.pressure.body
         domain = film.mesh.domain
@@ -146,6 +148,7 @@ def _open_films(system: System, pressed_films: Iterable[PressedFilm]) -> Iterato
         owned = dofs[dofs < film.space.dofmap.index_map.size_local]
         is_held = np.zeros(system.numbering.size_local, dtype=bool)
         is_held[system.supports.held] = True
+        is_held |= is_tied
         first = system.block(film).owned.start
         rim = is_held[first + 3 * owned[:, None] + np.arange(3)]
         counts = np.array([len(rim), (~rim.any(axis=1)).sum()])
@@ -156,6 +159,22 @@ def _open_films(system: System, pressed_films: Iterable[PressedFilm]) -> Iterato
                 f"{free} of {nodes} nodes of its rim are free; hold the rim by gx.Fixed, or close "
                 "the film by a Seam, a Tie or a mesh without a rim."
             )
+
+
+def _tied_unknowns(system: System) -> npt.NDArray[np.bool_]:
+    """Which of this rank's unknowns constraints tie to others.  Collective."""
+    marks = system.q0.duplicate()
+    marks.set(0.0)
+    if system.constraints is not None:
+        for tuples in system.constraints.tied_ports():
+            for ports in tuples:
+                unknowns, weights, _ = attach(system.numbering, system.bodies, ports)
+                shares = abs(weights).sum(axis=0)
+                marks.setValues(unknowns, shares, addv=PETSc.InsertMode.ADD_VALUES)
+    marks.assemble()
+    is_tied = marks.array_r[: system.numbering.size_local] > 0
+    marks.destroy()
+    return is_tied
 
 
 def _pressure_at(item: Pressure, at: float) -> float:

@@ -40,8 +40,8 @@ Cost.  One factorisation, of twice the size for a frequency other than zero in a
 one solution with it for each Krylov vector.  The count takes one factorisation more for each of its
 shifts, two as a rule.
 
-Limits.  Modes are counted only if the stiffness is symmetric; loads that follow an open film make
-it unsymmetric.
+Limits.  Modes are counted only if the stiffness is symmetric in the motions that constraints allow;
+loads that follow an open film make it unsymmetric.
 
 Source: of the count, the spectrum slicing of SLEPc (SLEPc Users Manual, section 3.4.5).
 """
@@ -62,7 +62,11 @@ from petsc4py import PETSc
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.rigid_motions import listed
-from gossamer_fx.analysis.vibration.spectrum import DIFFERENT_PATTERN, Spectrum, is_symmetric
+from gossamer_fx.analysis.vibration.spectrum import (
+    DIFFERENT_PATTERN,
+    Spectrum,
+    symmetric_on_constraints,
+)
 from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, not_negative
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
@@ -226,7 +230,7 @@ def modes(
         # Without the gas K may be singular, so that (2) needs a shift that the gas does not hide.
         away_from_zero = max(away_from_zero, GAS_SHIFT_RATIO * _least_gas_square(M, stiffnesses))
     if not any(spin):
-        found = _modes_at_rest(K, M, count, ω, ω**2 or -away_from_zero, stiffnesses, least)
+        found = _modes_at_rest(system, K, M, count, ω, ω**2 or -away_from_zero, stiffnesses, least)
     else:
         G = system.gyroscopic(spin)
         system.supports.clear(G, 0.0)
@@ -547,6 +551,7 @@ def _check_inverse(problem: str) -> None:
 
 
 def _modes_at_rest(
+    system: System,
     K: PETSc.Mat,
     M: PETSc.Mat,
     count: int,
@@ -562,9 +567,12 @@ def _modes_at_rest(
     operator = PETSc.Mat().createPython(K.getSizes(), inverse, K.comm)
     operator.setUp()
     found = list(_search(operator, count, shift))
-    if len(found) < count or not is_symmetric(K):
+    if len(found) < count:
         return found
-    spectrum = Spectrum(K, M, stiffnesses)
+    symmetric = symmetric_on_constraints(system, K)
+    if symmetric is None:
+        return found
+    spectrum = Spectrum(symmetric, M, stiffnesses)
     for _ in range(MAX_SEARCHES):
         missing = _missing(spectrum, found, count, ω, least)
         if not missing:

@@ -92,6 +92,10 @@ class Assembly(Protocol):
     def initial(self) -> InitialState:
         """The state in which the scene starts."""
 
+    @property
+    def items(self) -> list[object]:
+        """The items of the scene."""
+
     def block(self, body: Body) -> NumberedBlock:
         """The unknowns of a body in the numbering of the system."""
 
