@@ -46,7 +46,6 @@ import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
 from demos.common.figures import draw_film, finish, new_figure, save, triangles
 from gossamer_fx.extend import Array, Probe, check, combine
-from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.meshes import antenna as meshes
 
 # Edge of the film; from the paper, as all numbers here.
@@ -137,7 +136,7 @@ def angles_and_rates(control: gx.control.AttitudeControl, run: gx.Simulation) ->
 
 def measured_frames(
     film: gx.Membrane, points: np.ndarray, cells: int, order: int
-) -> dict[str, Frame]:
+) -> dict[str, gx.Frame]:
     """The frames whose directors give the position gradient, by the values of `attitude`; `points`
     are A to H."""
     centre = film.port_at((0, 0, 0))
@@ -156,7 +155,7 @@ def measured_frames(
     for point, corner in zip(points[4:], near, strict=True):
         middle = film.port_at(half_cell / 2 * np.sign(point))
         arms.append(combine((-3.0, 4.0, -1.0), (centre, middle, corner)))
-    frames["node"] = Frame(centre, tuple(arms))
+    frames["node"] = gx.Frame(centre, tuple(arms))
     return frames
 
 

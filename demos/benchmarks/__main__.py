@@ -14,6 +14,10 @@ or on a warning of this program that the problem does not expect.
 
 from __future__ import annotations
 
+# First of all, so that no library reads the current folder.
+import gossamer_fx  # noqa: F401
+
+# isort: split
 import argparse
 import re
 import sys

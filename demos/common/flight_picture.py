@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import gossamer_fx as gx
 from gossamer_fx.extend import Array, Probe, StateView, check, check_arguments
 from gossamer_fx.mechanics.orbit.environment import local_axes
-from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.records.fields.units import plain_text
-from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.plot.camera import Camera, aim, render
 from gossamer_fx.records.plot.colours import by_state
 from gossamer_fx.records.plot.picture import NEVER, DrawnRun
-from gossamer_fx.records.plot.run_reader import RunReader, Tables
+from gossamer_fx.records.plot.run_reader import Tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +71,7 @@ class FlightPicture(DrawnRun):
     def __init__(
         self,
         path: str | Path,
-        orbit: Orbit,
+        orbit: gx.orbit.Orbit,
         *,
         probes: Mapping[str, Probe],
         title: str = "",
@@ -87,7 +86,7 @@ class FlightPicture(DrawnRun):
                 f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.",
             )
 
-    def recording(self, run: StateView) -> Recording:
+    def recording(self, run: StateView) -> gx.Recording:
         """The recording of the run: position, velocity, sunlight and the probes."""
 
         def flight_number(what: int, axis: int) -> Probe:
@@ -104,13 +103,13 @@ class FlightPicture(DrawnRun):
             for axis, name in enumerate(names):
                 probes[name] = flight_number(what, axis)
         probes[_LIT] = self._lit
-        return Recording(self.folder, probes=probes | self.probes, every=NEVER)
+        return gx.Recording(self.folder, probes=probes | self.probes, every=NEVER)
 
     def _lit(self, run: StateView) -> float:
         position, _ = self.orbit.flight(run.system).state()
         return float(self.orbit.sunlit(position, self.orbit.sun(run.time)))
 
-    def draw(self, run: RunReader) -> None:
+    def draw(self, run: gx.plot.RunReader) -> None:
         """Draw orbit and shapes in the first row, and one row for each probe; write the PNG.
 
         Args:
@@ -179,7 +178,7 @@ def _vectors(table: Tables, names: Sequence[str]) -> Array:
     return np.stack([table[name] for name in names], axis=1)
 
 
-def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
+def _draw_scene(axes: Axes, run: gx.plot.RunReader, table: Tables) -> None:
     """Draw the scene at the end, with arrows to the Sun and along the motion as the camera sees
     them.
 

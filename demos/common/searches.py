@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gossamer_fx.analysis.statics.equilibrium import EquilibriumResult
+import gossamer_fx as gx
 
 
 @dataclass
@@ -16,7 +16,7 @@ class Effort:
     seconds: float = 0.0
     residual: float = 0.0
 
-    def add(self, found: EquilibriumResult) -> EquilibriumResult:
+    def add(self, found: gx.analysis.EquilibriumResult) -> gx.analysis.EquilibriumResult:
         """Count a search; returns its result."""
         self.iterations += found.iterations
         self.seconds += found.seconds

@@ -47,7 +47,6 @@ from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.validation.engine.case import Measured, Test, read_case
 from demos.validation.models import braided_tube
-from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.extend import Array
 from gossamer_fx.solve.system.system import System
@@ -132,7 +131,7 @@ def bend(
     factors: Sequence[float],
     cells: int,
     with_gradients: bool = True,
-) -> tuple[Curve, list[list[Gradient]]]:
+) -> tuple[Curve, list[list[gx.analysis.Gradient]]]:
     """Lower the loads; the computed curve, and the gradients of load and height of midspan at its
     points.
 
@@ -200,7 +199,7 @@ def identify(
     """Fit the factors to the curves of some tests."""
     curves = [measured_curve(test) for test in tests]
 
-    def residuals(values: dict[str, Array]) -> list[Gradient]:
+    def residuals(values: dict[str, Array]) -> list[gx.analysis.Gradient]:
         factors = [float(values[name][0]) for name in NAMES]
         found = []
         for test, curve in zip(tests, curves, strict=True):
@@ -223,7 +222,9 @@ def identify(
     )
 
 
-def _residual(curve: Curve, w: float, P: float, of_load: Gradient, of_height: Gradient) -> Gradient:
+def _residual(
+    curve: Curve, w: float, P: float, of_load: gx.analysis.Gradient, of_height: gx.analysis.Gradient
+) -> gx.analysis.Gradient:
     """The difference of a load from the measured curve over its largest load, with its
     derivatives."""
     largest = float(curve.P.max())
@@ -239,7 +240,7 @@ def _residual(curve: Curve, w: float, P: float, of_load: Gradient, of_height: Gr
     return gx.analysis.Gradient((P - y) / largest, "1", tuple(slopes))
 
 
-def deviation(found: gx.analysis.Fit, gradients: Sequence[Sequence[Gradient]]) -> Array:
+def deviation(found: gx.analysis.Fit, gradients: Sequence[Sequence[gx.analysis.Gradient]]) -> Array:
     """Standard deviation [N] of each load that was computed with the factors of a fit (n,)."""
     slopes = []
     for of_load, _ in gradients:

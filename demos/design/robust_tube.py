@@ -50,7 +50,6 @@ from demos.common.flat_rooted_tube import ARRIVED, LOSS_FACTOR, SCATTER
 from demos.common.flat_rooted_tube import build as flat_rooted_tube
 from demos.common.manufacturing import draw_specimen
 from demos.common.tube_bending import bent_tube
-from gossamer_fx.app.sweep.factorial import run_factorial
 from gossamer_fx.extend import Array, Probe
 from gossamer_fx.presets.films import KAPTON_HN
 
@@ -235,7 +234,7 @@ def main(length: float = LENGTH, folder: Path | None = None, **numerics: float) 
         words = [f"_{name}_{value:g}" for name, value in {**others, **numerics}.items()]
         folder = Path("out/robust_tube" + "".join(words))
     sweep = gx.sweep.Factorial(outcome, cases(length, **numerics), listed=True)
-    run_factorial(sweep, MPI.COMM_SELF, folder)
+    gx.sweep.run_factorial(sweep, MPI.COMM_SELF, folder)
     with (folder / "runs.csv").open(newline="") as file:
         runs = list(csv.DictReader(file))
     varied = FACTORS[length]

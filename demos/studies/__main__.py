@@ -12,6 +12,10 @@ On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
 
 from __future__ import annotations
 
+# First of all, so that no library reads the current folder.
+import gossamer_fx  # noqa: F401
+
+# isort: split
 import argparse
 import re
 import sys

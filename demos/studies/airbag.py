@@ -18,7 +18,6 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import NOT_STABLE, Measure, Study, search_figures
-from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.extend import AreaFractions, FieldFunctions, FilmLaw
 from gossamer_fx.meshes.sheet import crossed_sheet
 
@@ -63,7 +62,7 @@ def displacement(film: gx.Membrane, search: gx.Equilibrium, point: str) -> np.nd
     return search.system.state.vector(port) - port.initial()
 
 
-def volume_and_potential(found: EquilibriumResult) -> tuple[float, float]:
+def volume_and_potential(found: gx.analysis.EquilibriumResult) -> tuple[float, float]:
     """Volume [m³] and total potential [J] of the whole airbag at rest: strain energy less the work
     of the pressure, which is p V."""
     parts = SHEETS * QUARTERS

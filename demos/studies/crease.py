@@ -19,7 +19,6 @@ from demos.common.crease_identification import HangingStrip
 from demos.studies.engine.study import ROUND_OFF, Measure, Study
 from demos.studies.plate import positions
 from gossamer_fx.meshes.creased_strip import creased_strip
-from gossamer_fx.records.probes.lines import FoldAngle
 
 # Length of a panel, width and thickness [m]; Young's modulus [Pa].
 LENGTH = 0.05
@@ -53,7 +52,7 @@ def problem(comm: MPI.Comm, force: float, cells: int) -> dict[str, float]:
     ]
     search = gx.Equilibrium(gx.Scene(plate, crease, gx.Fixed(plate, "crease"), *pulls))
     found = search.find()
-    angle = FoldAngle(crease).of(search.system)
+    angle = gx.probes.FoldAngle(crease).of(search.system)
     distance = float(positions(search, plate, "right")[0] - positions(search, plate, "left")[0])
     exact_angle, exact_distance = STRIP.equilibrium(REST, STIFFNESS, force * WIDTH)
     return {

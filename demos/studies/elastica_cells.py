@@ -30,7 +30,6 @@ from scipy import sparse
 import gossamer_fx as gx
 from demos.studies.elastica_law import FILM, HEIGHT, LENGTH, half_wavelength, moved, sheared, waved
 from demos.studies.engine.study import NOT_REGULAR, NOT_STABLE, Claim, Study
-from gossamer_fx.core.checks.errors import NoEquilibrium
 from gossamer_fx.meshes.sheet import sheet
 
 THICKNESS = 200e-6  # m
@@ -98,7 +97,7 @@ def problem(comm: MPI.Comm, body: str, columns: int) -> dict[str, float]:
         values["iterations"] = result.iterations
         values["seconds"] += result.seconds
         values["at rest"] = 1.0
-    except NoEquilibrium:
+    except gx.NoEquilibrium:
         # No equilibrium is a result of this study.
         pass
     heights = free.system.q0.array_r[2::3]

@@ -19,6 +19,10 @@ On two ranks: ./gossamer mpi 2 demos/validation NAME.
 
 from __future__ import annotations
 
+# First of all, so that no library reads the current folder.
+import gossamer_fx  # noqa: F401
+
+# isort: split
 import argparse
 import math
 import re

@@ -1,10 +1,14 @@
 """A folder of a stranger, in which one stands, runs no code and changes no number: PETSc's option
-files, options of FFCx and dolfinx, matplotlibrc."""
+files, options of FFCx and dolfinx, matplotlibrc, and whatever else a library might open there.
+
+Files that are opened are seen by inotify, so also those that a library in C opens."""
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -140,3 +144,157 @@ def test_nothing_is_written_through_a_link_of_a_run(
         assert not list(elsewhere.iterdir())
     else:
         assert elsewhere.read_text() == "mine"
+
+
+# ---- every file that is opened -------------------------------------------------------------------
+
+# From <sys/inotify.h>: events, and the head of one, after which its name follows.
+IN_ACCESS = 0x1
+IN_OPEN = 0x20
+IN_ISDIR = 0x40000000
+EVENT = struct.Struct("iIII")
+
+# Files that libraries, tools or Python look for in some folder.
+STRANGE_FILES = (
+    *(".petscrc", "petscrc", "petsc.cfg", "slepc.cfg", "ffcx_options.json"),
+    *("dolfinx_jit_options.json", "dolfinx_parameters.json", "matplotlibrc", ".matplotlibrc"),
+    *("default.mplstyle", ".env", "sitecustomize.py", "usercustomize.py", "pyvenv.cfg"),
+    *("numpy.py", "gmsh.py", "json.py", "pickle.py", "mpi4py.py", "gossamer_fx.py", "ctypes.py"),
+    *(".gmshrc", ".gmsh-options", "untitled.geo", "fonts.conf", ".fonts.conf", "ucx.conf"),
+    *("mca-params.conf", "openmpi-mca-params.conf", "pmix-mca-params.conf", "hostfile"),
+    *("pyproject.toml", "setup.cfg", "setup.py", "distutils.cfg", ".pydistutils.cfg", "specs"),
+    *(".numbarc", ".gdbinit", ".inputrc", "pytest.ini", "conftest.py", "site.cfg", "messages.mo"),
+)
+STRANGE_FOLDERS = ("locale", "share", "lib", "bin", ".config", ".cache", ".openmpi", "numpy")
+
+GMSH_SCENE = """
+import gossamer_fx as gx
+
+
+def rectangle(model):
+    model.occ.addRectangle(0, 0, 0, 2, 1)
+    model.occ.synchronize()
+    model.mesh.setSize(model.getEntities(0), 1.0)
+    model.mesh.generate(2)
+
+
+def build(comm, modulus=1e9):
+    law = gx.Miyazaki(modulus, 0.3, density=1000.0, thickness=1e-4)
+    film = gx.Membrane(gx.gmsh_mesh(rectangle, comm), law, name="film")
+    return gx.Case(gx.Scene(film), gx.Midpoint(dt=1e-3), until=2e-3, fields={"film": ["stress1"]})
+"""
+
+
+class Opened:
+    """Names in a folder that any process opens or reads while this stands."""
+
+    def __init__(self, folder: Path) -> None:
+        library = ctypes.CDLL(None, use_errno=True)
+        self._events = library.inotify_init1(os.O_NONBLOCK)
+        watched = library.inotify_add_watch(self._events, os.fsencode(folder), IN_OPEN | IN_ACCESS)
+        assert watched >= 0, os.strerror(ctypes.get_errno())
+
+    def names(self) -> set[str]:
+        """Of files and folders; the folder itself has an empty name."""
+        found = set()
+        try:
+            events = os.read(self._events, 1 << 20)
+        except BlockingIOError:
+            return found
+        begin = 0
+        while begin < len(events):
+            _, _, _, length = EVENT.unpack_from(events, begin)
+            begin += EVENT.size
+            found.add(events[begin : begin + length].rstrip(b"\0").decode())
+            begin += length
+        return found - {""}
+
+    def close(self) -> None:
+        os.close(self._events)
+
+
+@pytest.fixture
+def strange(tmp_path: Path) -> Path:
+    """A folder with a run, a scene, and files that a library might take for its own."""
+    (tmp_path / "scene.py").write_text(GMSH_SCENE)
+    (tmp_path / "case.toml").write_text("name = 1\n")
+    made = program(tmp_path, "-m", "gossamer_fx", "run", "scene.py", "--output", "out")
+    assert made.returncode == 0, made.stderr
+    for name in STRANGE_FILES:
+        (tmp_path / name).write_text("of a stranger\n")
+    for name in STRANGE_FOLDERS:
+        (tmp_path / name).mkdir()
+    return tmp_path
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="inotify belongs to Linux")
+@pytest.mark.parametrize(
+    ("words", "code", "ours"),
+    [
+        (("--help",), 0, set()),
+        (("run", "scene.py", "-o", "new", "-n", "2"), 0, {"scene.py", "new"}),
+        (("run", "scene.py", "-o", "out", "--restart"), 0, {"scene.py", "out"}),
+        (("report", "out"), 0, {"out"}),
+        (("plot", "out", "--field", "stress1", "--time", "0.002"), 0, {"out"}),
+        (("export", "out"), 0, {"out"}),
+        # Its check of mpirun depends on the machine.
+        (("doctor",), None, set()),
+        (("validate", "case.toml"), 2, {"case.toml"}),
+        (
+            ("sweep", "scene.py", "--over", "modulus=1e9,2e9", "-o", "swept"),
+            0,
+            {"scene.py", "swept"},
+        ),
+        (("watch", "nothing"), 2, set()),
+        (("study", "nothing"), 2, set()),
+    ],
+)
+def test_commands_open_no_other_file_there(
+    strange: Path, words: tuple[str, ...], code: int | None, ours: set[str]
+) -> None:
+    opened = Opened(strange)
+    module = ["-m", "gossamer_fx", *words]
+    if words[0] == "study":
+        module = ["-m", "demos.studies", *words[1:]]
+    done = program(strange, *module)
+    names = opened.names()
+    opened.close()
+    assert code in (None, done.returncode), done.stderr
+    assert names <= ours, names - ours
+    # What has to be opened was seen; a folder is opened only to list it.
+    assert {name for name in ours if "." in name} <= names
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="inotify belongs to Linux")
+def test_a_script_opens_no_other_file_there(strange: Path) -> None:
+    """Where the package is the first import; libraries of the package are not taken from there."""
+    opened = Opened(strange)
+    code = (
+        "import gossamer_fx as gx, gmsh, dolfinx, matplotlib.pyplot\nfrom petsc4py import PETSc\n"
+    )
+    done = program(strange, "-c", code + "gmsh.initialize()")
+    names = opened.names()
+    opened.close()
+    assert done.returncode == 0, done.stderr
+    assert not names
+
+
+def test_the_files_are_seen(tmp_path: Path) -> None:
+    """The test of the tests: PETSc alone does open its file."""
+    (tmp_path / ".petscrc").write_text("-of_the_folder\n")
+    opened = Opened(tmp_path)
+    done = program(tmp_path, "-c", "from petsc4py import PETSc")
+    assert done.returncode == 0, done.stderr
+    assert ".petscrc" in opened.names()
+    opened.close()
+
+
+def test_no_library_of_the_folder_is_loaded_and_nothing_is_overwritten(folder: Path) -> None:
+    """UCX would write the file that it is told, petsc4py load the library of a folder."""
+    mine = folder / "overwritten"
+    (folder / "ucx.conf").write_text(f"UCX_LOG_FILE={mine}\nUCX_LOG_LEVEL=debug\n")
+    (folder / "petsc.cfg").write_text(f"PETSC_ARCH={folder / 'build'}\n")
+    (folder / "build").mkdir()
+    done = program(folder, "-m", "gossamer_fx", "run", "scene.py", "-o", "out")
+    assert done.returncode == 0, done.stderr
+    assert mine.read_text() == "mine"

@@ -14,7 +14,8 @@ from typing import Any
 
 from mpi4py import MPI
 
-from gossamer_fx.analysis.answer_spread import LIMIT, Spread, one_at_a_time
+import gossamer_fx as gx
+from gossamer_fx.analysis.answer_spread import LIMIT, one_at_a_time
 from gossamer_fx.extend import CaseSet, Judgement, Result
 
 
@@ -66,7 +67,7 @@ class SpreadStudy:
     expected_warnings: Mapping[str, str] = field(default_factory=dict)
     expected_failures: bool = False
 
-    def spread(self, results: Sequence[Result]) -> Spread:
+    def spread(self, results: Sequence[Result]) -> gx.analysis.Spread:
         """The spread of results of this study, in its factors alone."""
         names = [name for name in self.vary if name in results[0].values]
         own = [
@@ -79,7 +80,7 @@ class SpreadStudy:
             for result in results
         ]
         chance = [name for name in self.chance if name in names]
-        return Spread(
+        return gx.analysis.Spread(
             own, chance=chance, limit=self.limit, scales=self.scales, quantities=[*self.expected]
         )
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from gossamer_fx.analysis.statics.result import EquilibriumResult
+import gossamer_fx as gx
 from gossamer_fx.extend import (
     CaseSet,
     ErrorCurve,
@@ -63,7 +63,7 @@ def no_order(case: Trial) -> float:
     return math.inf
 
 
-def search_figures(found: EquilibriumResult) -> dict[str, float]:
+def search_figures(found: gx.analysis.EquilibriumResult) -> dict[str, float]:
     """How a search went: what a problem returns of it."""
     return {
         "iterations": found.iterations,

@@ -9,9 +9,9 @@ from typing import Any
 
 from mpi4py import MPI
 
+import gossamer_fx as gx
 from demos.validation.engine.case import Case, Test, with_inputs
 from demos.validation.engine.comparison import compare
-from gossamer_fx.core.checks.errors import NoEquilibrium, StepFailure
 from gossamer_fx.extend import InputError
 
 # Relative change of an input: small, as stiffnesses of a braid are nearly singular.
@@ -74,7 +74,7 @@ def _biases(model: Any, test: Test, comm: MPI.Intracomm, quick: bool) -> dict[st
     try:
         prediction = model.predict(test.inputs, comm, quick)
     # Stiffnesses that are changed alone may not be positive definite.
-    except (NoEquilibrium, StepFailure, InputError):
+    except (gx.NoEquilibrium, gx.StepFailure, InputError):
         return {}
     found = {}
     for measured in test.measured:

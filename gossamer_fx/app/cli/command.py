@@ -262,6 +262,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="STEPS",
         help="steps between checkpoints",
     )
+    run.add_argument(
+        "--no-progress-after",
+        type=_seconds,
+        metavar="SECONDS",
+        help="end the run if no step is completed for this time; default: wait for ever",
+    )
     run.set_defaults(command=_run)
 
     watch = commands.add_parser(
@@ -379,6 +385,17 @@ def _positive(word: str) -> int:
     return int(word)
 
 
+def _seconds(word: str) -> float:
+    """A positive finite time [s] from a word of the command line."""
+    try:
+        seconds = float(word)
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"'{word}' is not a positive number of seconds")
+    return seconds
+
+
 # ---- run -----------------------------------------------------------------------------------------
 
 
@@ -422,12 +439,18 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
             else Path(wanted.restart)
         )
     changes = [name for name in wanted.changed.split(",") if name]
+    watchers: list[Output] = []
+    if wanted.no_progress_after:
+        from gossamer_fx.app.cli.no_progress import NoProgress
+
+        watchers.append(NoProgress(comm, wanted.no_progress_after, wanted.scene))
     case = _case(wanted, comm)
     if wanted.dry_run:
         _show(case, comm, restart, changes)
         return
     log_to(comm, wanted.log, quiet=wanted.quiet)
     outputs: list[Output] = [case.recording(folder, overwrite=wanted.overwrite)]
+    outputs += watchers
     if not wanted.quiet:
         outputs.append(Progress())
     checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)

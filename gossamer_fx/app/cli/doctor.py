@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from importlib import metadata
+from pathlib import Path
 
 from gossamer_fx.app.cli.launch import find_mpirun
 from gossamer_fx.version import VERSION
@@ -211,7 +212,9 @@ def rank_failures() -> list[str]:
     if mpirun is None:
         return ["two MPI ranks do not work together: there is no mpirun"]
     done = subprocess.run(
-        [mpirun, "-n", "2", sys.executable, "-c", SUM_OVER_RANKS],
+        [mpirun, "-n", "2", sys.executable, "-P", "-c", SUM_OVER_RANKS],
+        # Not the current folder, of which MPI reads files.
+        cwd=Path(__file__).parent,
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from gossamer_fx.core.checks.door import import_from
 from gossamer_fx.core.checks.ending import CtrlC, Interrupted
 from gossamer_fx.core.checks.errors import (
     InputError,
@@ -71,8 +72,7 @@ def load(path: Path) -> ModuleType:
     """
     from importlib.util import module_from_spec, spec_from_file_location
 
-    # As Python does with the folder of a script.
-    sys.path.insert(0, str(path.resolve().parent))
+    import_from(path.resolve().parent)
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise InputError(f"'{path}' is not a Python file; give one with a function build(comm).")

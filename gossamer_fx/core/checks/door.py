@@ -1,9 +1,12 @@
 """The door through which libraries come in: none of them reads the folder in which one stands.
 
-PETSc reads `.petscrc` and `petscrc` of the current folder, which may load a library, dolfinx and
-FFCx read options there that change what forms compute, matplotlib its `matplotlibrc`.  A folder
-with the recording of a stranger must not do that.  So these libraries are imported while another
-folder is the current one, and PETSc is started without such files.
+PETSc reads `.petscrc` and `petscrc` of the current folder, petsc4py and slepc4py read `petsc.cfg`
+and `slepc.cfg`, which name a library to load, and UCX, on which Open MPI stands, reads `ucx.conf`,
+which names files to write.  dolfinx and FFCx read options there that change what forms compute,
+matplotlib its `matplotlibrc`.  A folder with the recording of a stranger must not do that.  So
+these libraries are imported while another folder is the current one, and PETSc is started without
+such files.  A scene file may import modules next to it, but none that stands for a library
+of this package, e.g. a file `gmsh.py`.
 
 What the user's own configuration says stays: `~/.config` for FFCx, dolfinx and matplotlib, and for
 PETSc `PETSC_OPTIONS`, in which `-options_file NAME` names a file.
@@ -13,7 +16,9 @@ A library that was imported before `gossamer_fx` has read its files already.
 
 from __future__ import annotations
 
+import functools
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.abc import Loader, MetaPathFinder
@@ -60,17 +65,55 @@ def _read_options(module: ModuleType) -> None:
     module._load_options()
 
 
+def _find_build_elsewhere(module: ModuleType) -> None:
+    """Let petsc4py ask for its build while another folder is the current one: it does so again
+    whenever dolfinx looks for the library."""
+    find = module.getPathArch
+
+    @functools.wraps(find)
+    def find_elsewhere(*given: Any, **named: Any) -> Any:
+        with _elsewhere():
+            return find(*given, **named)
+
+    module.getPathArch = find_elsewhere  # type: ignore[attr-defined]
+
+
 def _nothing(module: ModuleType) -> None:
     """Do nothing."""
 
 
 # What is done before and after each of these modules is executed.
 _GUARDED: dict[str, tuple[Callable[[ModuleType], None], Callable[[ModuleType], None]]] = {
+    # Both load the library of MPI, which loads UCX.
+    "mpi4py.MPI": (_nothing, _nothing),
+    "gmsh": (_nothing, _nothing),
+    # slepc4py takes the function of petsc4py.
+    "petsc4py.lib": (_nothing, _find_build_elsewhere),
     "petsc4py.PETSc": (_start_petsc, _nothing),
     "dolfinx.jit": (_nothing, _read_options),
     "ffcx.options": (_nothing, _read_options),
     "matplotlib": (_nothing, _nothing),
 }
+
+
+# Libraries of this package, also optional ones, that are not taken from the folder of a scene file.
+_LIBRARIES = frozenset(
+    (
+        *("basix", "cffi", "dolfinx", "erfa", "ezdxf", "ffcx", "gmsh", "matplotlib", "mpi4py"),
+        *("numpy", "petsc4py", "PIL", "scipy", "setuptools", "slepc4py", "ufl"),
+    )
+)
+
+# Folders from which other modules are imported, among them those of scene files.
+# The empty one is the current folder, which Python puts first for -c and for a prompt.
+_NOT_FOR_LIBRARIES = {""}
+
+
+def import_from(folder: Path) -> None:
+    """Let modules be imported from the folder of a scene file before those of other folders, as
+    Python does for a script, except for libraries of this package."""
+    _NOT_FOR_LIBRARIES.add(str(folder))
+    sys.path.insert(0, str(folder))
 
 
 class _GuardedLoader(Loader):
@@ -82,7 +125,9 @@ class _GuardedLoader(Loader):
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:
         """The module as its own loader makes it."""
-        created: ModuleType | None = self._loader.create_module(spec)
+        # A module in C loads its libraries here.
+        with _elsewhere():
+            created: ModuleType | None = self._loader.create_module(spec)
         return created
 
     def exec_module(self, module: ModuleType) -> None:
@@ -98,15 +143,20 @@ class _GuardedLoader(Loader):
 
 
 class Door(MetaPathFinder):
-    """Finds the modules that are guarded; the other finders find the rest."""
+    """Finds the modules that are guarded, and libraries; the other finders find the rest."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The spec of a guarded module, with a loader that guards it."""
-        if fullname not in _GUARDED:
+        """The spec of a guarded module, with a loader that guards it, or of a library."""
+        is_guarded = fullname in _GUARDED
+        if not is_guarded and fullname not in _LIBRARIES:
             return None
+        if path is None:
+            path = [entry for entry in sys.path if entry not in _NOT_FOR_LIBRARIES]
         spec = PathFinder.find_spec(fullname, path, target)
-        if spec is not None and spec.loader is not None:
+        if spec is None:
+            return None
+        if is_guarded and spec.loader is not None:
             spec.loader = _GuardedLoader(spec.loader, fullname)
         return spec

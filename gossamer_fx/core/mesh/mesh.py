@@ -278,7 +278,7 @@ def built(
     def raw() -> RawMesh:
         import gmsh
 
-        gmsh.initialize(interruptible=False)
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.logger.start()
         build(gmsh.model)
