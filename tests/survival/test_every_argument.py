@@ -26,6 +26,7 @@ from tests.unit.public_calls import make_inputs, valid_calls
 NOT_COMPARED = ("name", "comm", "mesh")
 # Arguments whose other value changes nothing in the scene of the valid call.
 WITHOUT_EFFECT = {
+    ("Damping", "stiffness_factor"): "the call has a loss factor, with which it is refused",
     ("Fixed", "rotation"): "the call has a direction and a twist, which fix it in any case",
     ("Chamber", "dead_volume"): "the chamber of the call is rigid and has a volume",
 }

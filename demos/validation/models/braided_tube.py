@@ -558,11 +558,15 @@ def _cords(tube: Tube, film: gx.Membrane, around: int, λ_L: float) -> Iterable[
         if line in (0, around):
             # In the plane of symmetry: the other half of the tube has the other half of the cord.
             share = 0.5
-        yield gx.connectors.Tape.along_edges(
+        cord = gx.connectors.Tape.along_edges(
+            film, tube.cord_law(share), edges=f"line {line}", length_factor=factor
+        )
+        # The lengths are those of the cord; a wall that is woven otherwise does not change them.
+        yield gx.connectors.Tape(
             film,
-            tube.cord_law(share),
-            edges=f"line {line}",
-            length_factor=factor,
+            cord.law,
+            bars=cord.bars,
+            lengths=cord.lengths,
             name=f"cord at {round(math.degrees(angle))} degrees",
         )
 

@@ -220,6 +220,8 @@ Attached = Port | Ground
 def unit(direction: Vector | Array) -> Array:
     """The vector (3,) of length one in a direction (3,), which is not zero."""
     n = np.asarray(direction, dtype=float)
+    # The largest component becomes 1: squares of tiny ones vanish, those of huge ones overflow.
+    n = n / abs(n).max()
     return n / np.linalg.norm(n)
 
 

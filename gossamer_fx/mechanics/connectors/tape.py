@@ -45,7 +45,7 @@ class OneSided:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Tape(OnBody, MeasuresMesh):
+class Tape(OnBody):
     """Bars along a line of a film, each between two points of it that move with the film.
 
     Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges`
@@ -137,7 +137,7 @@ class Tape(OnBody, MeasuresMesh):
         )
         pairs = [(Port(body, (a,)), Port(body, (b,))) for _, a, b, _ in bars]
         lengths = [length_factor * length for *_, length in bars]
-        return Tape(body, law, bars=pairs, lengths=lengths, name=name)
+        return MeasuredTape(body, law, bars=pairs, lengths=lengths, name=name)
 
     @staticmethod
     @check_arguments
@@ -178,7 +178,7 @@ class Tape(OnBody, MeasuresMesh):
         nodes = np.column_stack([np.interp(steps, numbers, component) for component in corners.T])
         ports = [body.port_at(node) for node in nodes]
         lengths = length_factor * np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-        return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
+        return MeasuredTape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:
         lengths = np.asarray(self.lengths, dtype=float)
@@ -270,3 +270,8 @@ def _stretch(a: Port, b: Port, square: float) -> Port:
     port = combine((square**0.5, -(square**0.5)), (b, a))
     assert isinstance(port, Port)
     return port
+
+
+class MeasuredTape(Tape, MeasuresMesh):
+    """A tape whose natural lengths were measured on the mesh, by `Tape.along_edges` or
+    `Tape.through`; those of a `Tape` itself are given numbers."""
