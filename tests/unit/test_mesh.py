@@ -167,15 +167,12 @@ def test_cells_that_cannot_be_are_told(comm, cells, culprit):
         mesh_of_arrays(comm, lambda: (points, np.array(cells), {}))
 
 
-@pytest.mark.mpi(1)
 def test_surfaces_of_arrays_overlap_and_need_not_cover_the_mesh(comm):
     points = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0)])
     cells = np.array([(0, 1, 2), (0, 2, 3), (1, 4, 2)])
     groups = {"left": cells[:2], "lower": cells[[0, 2]]}
     mesh = mesh_of_arrays(comm, lambda: (points, cells, groups))
-    areas = {
-        name: comm.allreduce(len(entities)) / 2 for name, (_, entities) in mesh.groups.items()
-    }
+    areas = {name: comm.allreduce(len(entities)) / 2 for name, (_, entities) in mesh.groups.items()}
     assert areas == {"film": 1.5, "left": 1.0, "lower": 1.0}
     with pytest.raises(InputError, match="'lower' has a triangle that is none of the triangles"):
         mesh_of_arrays(comm, lambda: (points, cells[:2], groups))
