@@ -150,10 +150,10 @@ def assess(search: Search, at: float) -> Assessment:
     # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.
     if system.scalar_unknowns:
         return Assessment(free, True, count_unstable(system, K))
-    symmetric = symmetric_on_constraints(system, K)
-    if symmetric is None:
-        return Assessment(free, not factorisation.is_singular(K), UNKNOWN)
-    factors = factorisation.SymmetricFactors(factorisation.equilibrated(symmetric))
+    with symmetric_on_constraints(system, K) as symmetric:
+        if symmetric is None:
+            return Assessment(free, not factorisation.is_singular(K), UNKNOWN)
+        factors = factorisation.SymmetricFactors(factorisation.equilibrated(symmetric))
     is_regular = not factors.is_singular()
     unstable = factors.negative - active_multipliers(system) if is_regular else UNKNOWN
     factors.destroy()

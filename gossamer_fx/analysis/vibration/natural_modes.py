@@ -569,22 +569,22 @@ def _modes_at_rest(
     found = list(_search(operator, count, shift))
     if len(found) < count:
         return found
-    symmetric = symmetric_on_constraints(system, K)
-    if symmetric is None:
-        return found
-    spectrum = Spectrum(symmetric, M, stiffnesses)
-    for _ in range(MAX_SEARCHES):
-        missing = _missing(spectrum, found, count, ω, least)
-        if not missing:
-            break
-        found = _orthogonal(found, M, least)
-        inverse.project_out(found)
-        found += _search(operator, missing, shift)
-    else:
-        raise NoEquilibrium(
-            f"modes: {missing} modes below the last one were not found, "
-            "though the stiffness has them; ask for more modes."
-        )
+    with symmetric_on_constraints(system, K) as symmetric:
+        if symmetric is None:
+            return found
+        spectrum = Spectrum(symmetric, M, stiffnesses)
+        for _ in range(MAX_SEARCHES):
+            missing = _missing(spectrum, found, count, ω, least)
+            if not missing:
+                break
+            found = _orthogonal(found, M, least)
+            inverse.project_out(found)
+            found += _search(operator, missing, shift)
+        else:
+            raise NoEquilibrium(
+                f"modes: {missing} modes below the last one were not found, "
+                "though the stiffness has them; ask for more modes."
+            )
     return found
 
 

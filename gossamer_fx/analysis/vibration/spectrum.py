@@ -3,7 +3,8 @@ stability of an equilibrium; `natural_modes` has the equations (2) and (4)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import numpy.typing as npt
@@ -39,15 +40,26 @@ def is_symmetric(K: PETSc.Mat) -> bool:
     return bool(result)
 
 
-def symmetric_on_constraints(system: System, K: PETSc.Mat) -> PETSc.Mat | None:
-    """Return the stiffness K of a system as a symmetric matrix, or None where it has none;
-    collective.
+@contextmanager
+def symmetric_on_constraints(system: System, K: PETSc.Mat) -> Iterator[PETSc.Mat | None]:
+    """Context with the stiffness K of a system as a symmetric matrix, or None where it has none;
+    collective.  A matrix other than K is destroyed at the end.
 
     The eigenvalues of an equilibrium are those of K in the motions that the constraints allow.
     Film that is cut and tied has an unsymmetric stiffness of pressure on either side of the cut,
     whose difference from its transpose does no work in motions that keep both sides together.
     There K may be replaced by (K + Kᵀ)/2.
     """
+    symmetric = _symmetric(system, K)
+    try:
+        yield symmetric
+    finally:
+        if symmetric is not None and symmetric is not K:
+            symmetric.destroy()
+
+
+def _symmetric(system: System, K: PETSc.Mat) -> PETSc.Mat | None:
+    """The matrix of `symmetric_on_constraints`: K itself, a new one, or None."""
     if is_symmetric(K):
         return K
     if system.constraints is None:
@@ -173,13 +185,13 @@ def count_unstable(system: System, K: PETSc.Mat) -> int:
             gradient[system.supports.held] = 0.0
             if stiffness:
                 stiffnesses.append((gradient, stiffness))
-    symmetric = symmetric_on_constraints(system, K)
-    if symmetric is None:
-        return UNKNOWN
-    try:
-        negative = Spectrum(symmetric, system.M, stiffnesses).negative_pivots(0.0)
-    except RuntimeError:
-        return UNKNOWN
+    with symmetric_on_constraints(system, K) as symmetric:
+        if symmetric is None:
+            return UNKNOWN
+        try:
+            negative = Spectrum(symmetric, system.M, stiffnesses).negative_pivots(0.0)
+        except RuntimeError:
+            return UNKNOWN
     # The matrix of which these are pivots has one of -1/κ for each gas.
     negative -= sum(stiffness > 0 for _, stiffness in stiffnesses)
     return negative - active_multipliers(system)
