@@ -19,7 +19,7 @@ from typing import Any
 from mpi4py import MPI
 
 from demos.sails.spin_deployment import main
-from demos.studies.engine.deployments import NUDGES, SPIN_DAMPING
+from demos.studies.engine.deployments import NUDGES, SPIN_DAMPING, balances
 from demos.studies.engine.spreads import Expected, SpreadStudy
 
 
@@ -35,9 +35,7 @@ def problem(
         "hub at the end [1/s]": found["spin_of_hub"] / math.tau,
         "sail at the end [1/s]": found["spin_of_sail"] / math.tau,
         "lost [J]": found["dissipated"],
-        **{
-            name: found[name] for name in ("energy_error", "penetrations", "angular_momentum_drift")
-        },
+        **balances(found),
     }
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from mpi4py import MPI
 
 from demos.sails.ikaros import ARM_END, main
-from demos.studies.engine.deployments import NUDGES, SPIN_DAMPING
+from demos.studies.engine.deployments import NUDGES, SPIN_DAMPING, balances
 from demos.studies.engine.spreads import Expected, SpreadStudy
 
 SAILS: dict[str, dict[str, Any]] = {
@@ -51,9 +51,7 @@ def problem(
         "sail at the end [rpm]": found["spin_of_sail"],
         "largest stress [MPa]": found["largest_stress"] / 1e6,
         "lost [J]": found["dissipated"],
-        **{
-            name: found[name] for name in ("energy_error", "penetrations", "angular_momentum_drift")
-        },
+        **balances(found),
     }
 
 

@@ -7,6 +7,7 @@ mesh and no step can tell.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 STARTS = ["usual", "nudged"]  # values of an axis "start"
@@ -49,3 +50,9 @@ def arguments(case: str) -> dict[str, float]:
 def nudged(value: float, start: str) -> float:
     """A value at the start of a run, a little changed where the start is "nudged"."""
     return value * (1 + NUDGE * (start == "nudged"))
+
+
+def balances(found: Mapping[str, float]) -> dict[str, float]:
+    """Of the figures of a spinning sail those that studies limit, or show."""
+    names = ("energy_error", "penetrations", "angular_momentum_drift")
+    return {name: found[name] for name in names}

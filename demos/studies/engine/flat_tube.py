@@ -1,10 +1,21 @@
-"""What studies of the folded tube with flat ends ask of one deployment, and the factors that they
-vary."""
+"""How well the deployment of the folded tube with flat ends is determined, see
+demos/common/flat_rooted_tube.py.
+
+One factor at a time is changed:
+
+    cells      4, 6, 8 across the flat tube
+    dt         first step [s]; the largest is twice as long
+    nudge      relative change of the pressure of the tank, far below any accuracy
+    damping    of the film: a loss factor, or a damping time
+    contact    activation distance [m]
+    residual_stiffness   compressive over tensile stiffness of the film
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +25,7 @@ import gossamer_fx as gx
 from demos.common.deployment import first_time, run_figures
 from demos.common.flat_rooted_tube import ARRIVED, HALFWAY, LOSS_FACTOR, OPEN, build
 from demos.studies.engine.deployments import DAMPING, NUDGES
+from demos.studies.engine.spreads import Expected, SpreadStudy
 
 LENGTH = 0.25  # m
 DIAMETER = 0.03  # m
@@ -66,3 +78,18 @@ def deploy(
         "p1 at the end [Pa]": float(series["p1 [Pa]"][-1]),
         **run_figures(run, series),
     }
+
+
+def tube_study(start: str, expected: Mapping[str, Expected]) -> SpreadStudy:
+    """The study of the tube that starts as a "zigzag" or as a "roll"."""
+    return SpreadStudy(
+        f"folded_{start}",
+        f"What is determined of a folded tube with flat ends, from a {start}",
+        partial(deploy, start=start),
+        vary=FACTORS,
+        expected=expected,
+        chance=["nudge"],
+        quick={"nudge": [0.0, 1e-9]},
+        quick_options={"until": 0.01},
+        limits={"energy_error": 1e-9, "penetrations": 0},
+    )

@@ -30,7 +30,7 @@ from gossamer_fx.core.checks.errors import (
     check,
     output_failures,
 )
-from gossamer_fx.core.checks.strange_files import read_json
+from gossamer_fx.core.checks.strange_files import DAMAGED, read_json
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.version import VERSION
@@ -315,14 +315,7 @@ def read_results(path: Path, name: str) -> list[Result]:
         results = [Result(**one) for one in stored["results"]] if is_right else []
     except FileNotFoundError:
         return []
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-    ) as error:
+    except DAMAGED as error:
         raise InputError(f"'{path}' does not hold results of '{name}'; remove it.") from error
     check(is_right, f"'{path}' does not hold results of '{name}'; remove it.")
     return results

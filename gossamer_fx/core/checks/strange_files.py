@@ -31,6 +31,9 @@ _LARGE = 16 * 2**20
 # Holes up to which the bytes between them are counted; a file that a program writes has few.
 _MAX_HOLES = 10_000
 
+# What is raised where a file cannot be read, or its contents are others than the program writes.
+DAMAGED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
+
 # Bytes of a JSON file: Python takes up to twenty times as many for its contents.
 _MAX_JSON = 256 * 2**20
 

@@ -16,11 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.ending import CtrlC
+from gossamer_fx.core.checks.ending import PATIENCE, CtrlC
 from gossamer_fx.core.checks.errors import LARGEST, InputError, real_numbers, wait_for_others
-
-# Seconds for which a rank with an error waits for the others.
-PATIENCE = 8.0
 
 # Relative difference between the values of two ranks that counts as round-off.
 SAME = 1e-9

@@ -59,7 +59,7 @@ from gossamer_fx.core.checks.errors import (
     on_rank_zero,
     write_on_all,
 )
-from gossamer_fx.core.checks.strange_files import check_inside, open_file
+from gossamer_fx.core.checks.strange_files import DAMAGED, check_inside, open_file
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import (
     Attached,
@@ -901,14 +901,7 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
         is_sound = checksum == _checksum_of(state)
     except InputError:
         raise
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-    ) as error:
+    except DAMAGED as error:
         raise InputError(_damaged(folder, f"run.json: {error}")) from error
     # Earlier formats had no checksum.  A wrong one means damage, also if the version differs.
     is_other_version = (written_format, written_version) != (FORMAT, VERSION)
