@@ -42,7 +42,7 @@ from gossamer_fx.extend import check
 from gossamer_fx.records.fields.film_states import STATES
 
 # Cells over half of the section.
-CELLS_AROUND = 8
+CELLS_AROUND = 12
 QUICK_CELLS_AROUND = 6
 
 # Steps of the deflection of the tip over the length of the tube.
