@@ -90,12 +90,15 @@ def test_a_region_is_fixed_to_a_rigid_body_where_both_start() -> None:
         gx.Scene(*bodies, gx.StartFrom(before.system), motion), gx.Midpoint(dt=0.02)
     )
     # The hub has turned by more than half a radian.
-    assert after.system.state.vectors(hub.frame().directors)[0, 0] < 0.9
-    moved = after.system.state[film].positions() - before.system.state[film].positions()
+    assert after.system.unknowns.state.vectors(hub.frame().directors)[0, 0] < 0.9
+    moved = (
+        after.system.unknowns.state[film].positions()
+        - before.system.unknowns.state[film].positions()
+    )
     assert np.abs(moved).max(initial=0.0) < 1e-15
     corner = film.port_at((0.0, 1.0, 0.0))
     after.run(until=0.04)
-    ends = after.system.state.vectors([corner, hub.port()])
+    ends = after.system.unknowns.state.vectors([corner, hub.port()])
     # The corner is 0.2 m and 0.5 m from the centre of the hub.
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(np.hypot(0.2, 0.5), rel=1e-9)
 
@@ -128,7 +131,7 @@ def test_a_hinge_has_turned_with_its_bodies() -> None:
     spring = gx.connectors.TorsionSpring(*sides, axis=axis, stiffness=2.0, rest_angle=0.3)
     start = gx.StartFrom(gx.Scene(*pair(quarter)).compile())
     run = run_until(np.pi / 2, hinge, spring, start, dt=np.pi / 100)
-    a, b = run.system.state.vectors([one.vector(2), other.vector(2)])
+    a, b = run.system.unknowns.state.vectors([one.vector(2), other.vector(2)])
     assert np.arccos(a @ b) == pytest.approx(0.6, rel=1e-3)
 
 
@@ -149,7 +152,7 @@ def test_a_film_on_the_ground_stays_in_contact() -> None:
     search = gx.analysis.Continuation(tolerance=1e-9)
     before = at_rest(*items, search=search).system
     run = run_until(0.02, *items, gx.StartFrom(before), dt=1e-3)
-    moved = run.system.state[film].positions() - before.state[film].positions()
+    moved = run.system.unknowns.state[film].positions() - before.state[film].positions()
     # A free fall over 0.02 s is 2 mm.
     assert np.abs(moved).max(initial=0.0) < 1e-5 * distance
     assert run.first.stored["contact"] == pytest.approx(before.totals().stored["contact"])

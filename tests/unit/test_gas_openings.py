@@ -235,7 +235,7 @@ def porous_sphere(comm, viscous=2e3, inertial=0.0, E=1e9, p=1.2e5, dt=2e-3, star
 
 def flat_area(run) -> float:
     """Area [m²] of the triangles of the only film of a scene on one rank, on the mesh."""
-    domain = run.system.bodies[0].mesh.domain
+    domain = run.system.unknowns.bodies[0].mesh.domain
     corners = domain.geometry.x[geometry_nodes(domain)]
     return float(np.linalg.norm(area_vectors(corners), axis=1).sum())
 
@@ -285,11 +285,11 @@ def test_the_leak_counts_the_deformed_area():
     run = porous_sphere(MPI.COMM_SELF, E=2e7, dt=1e-3, viscous=2e5)
     run.run(until=0.02)
     leak = next(item for item in run.scene.items if item.name == "leak")
-    area = run.system.scalar_unknowns[0].geometry.area(leak.area)
-    x = run.system.q0.array_r.reshape(-1, 3)
+    area = run.system.equations.scalar_unknowns[0].geometry.area(leak.area)
+    x = run.system.unknowns.q0.array_r.reshape(-1, 3)
     radius = np.linalg.norm(x, axis=1).mean()
     assert radius > 1.01 * RADIUS
-    triangles = x[cell_nodes(run.system.bodies[0].space)]
+    triangles = x[cell_nodes(run.system.unknowns.bodies[0].space)]
     stretched = float(np.linalg.norm(area_vectors(triangles), axis=1).sum())
     assert area.aperture(0.0) == pytest.approx(stretched, rel=1e-12)
 
@@ -414,7 +414,7 @@ def test_the_balance_in_c_is_that_in_python(h):
         gx.Orifice(c, gx.gas.Ambient(0.0, 300.0, name="space"), area=1e-7, name="leak"),
     ]
     run = run_of(*orifices, dt=h)
-    network = run.system.scalar_unknowns[0]
+    network = run.system.equations.scalar_unknowns[0]
     in_c = network.balance
     assert isinstance(in_c, CompiledBalance)
     guess = network.begin_step(h, h / 2)
@@ -455,7 +455,7 @@ def test_other_laws_are_not_computed_in_c():
     ]
     for other in others:
         run = run_of(vessel, other, dt=0.1)
-        assert type(run.system.scalar_unknowns[0].balance) is Balance
+        assert type(run.system.equations.scalar_unknowns[0].balance) is Balance
 
 
 # ---- own items -----------------------------------------------------------------------------------

@@ -148,8 +148,8 @@ def test_bulkheads_are_tied_to_their_rings(comm) -> None:
     )
     tie = gx.Tie(disc, tube, group_a="rim", group_b="ring 1")
     scene = at_rest(tube, disc, tie, gx.Fixed(tube, "first cap"), gx.Pressure(tube, 1e3))
-    rim = scene.system.state.vectors(disc.ports("rim"))
-    ring = scene.system.state.vectors(tube.ports("ring 1"))
+    rim = scene.system.unknowns.state.vectors(disc.ports("rim"))
+    ring = scene.system.unknowns.state.vectors(tube.ports("ring 1"))
     apart = np.linalg.norm(rim[:, None] - ring[None], axis=2).min(axis=1)
     assert apart.max() < 1e-12
     radii = np.hypot(ring[:, 1], ring[:, 2])

@@ -384,7 +384,7 @@ class Valve(Orifice, Switch):
 
     def _passage(self, run: HasSystem) -> Passage:
         """The valve in a run.  `InputError`: it is not in the scene."""
-        for scalars in run.system.scalar_unknowns:
+        for scalars in run.system.equations.scalar_unknowns:
             if isinstance(scalars, GasNetwork):
                 return scalars.switch(self)
         raise InputError(f"'{self.name}' is not in the scene; add it.")

@@ -35,11 +35,11 @@ class Increment:
         self._scratch = numbering.vector()
         self._offset: PETSc.Vec | None = None
         self._masses: PETSc.Vec | None = None
-        self._c = 0.0
+        self.c = 0.0
 
     def set_inertia(self, c: float, offset: PETSc.Vec | None) -> None:
         """Choose c [1/s²] and o [m], None for zero, of the inertia c M (w + o)."""
-        self._c = c
+        self.c = c
         self._offset = offset
 
     def predict(self, increment: PETSc.Vec, q0: PETSc.Vec, t: float) -> Array:
@@ -69,7 +69,7 @@ class Increment:
         else:
             self._scratch.waxpy(1.0, self._offset, self._w)
             M.mult(self._scratch, r)
-        r.scale(self._c)
+        r.scale(self.c)
 
     def mass_changed(self) -> None:
         """Forget the masses of the last `cancelling_squares`."""
@@ -102,7 +102,7 @@ class Increment:
         """diag(c M) [N/m]."""
         if self._masses is None:
             self._masses = M.getDiagonal()
-        return self._c * self._masses.array_r
+        return self.c * self._masses.array_r
 
     def commit(self, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
         """Store what rounding took from q1 = q0 + (p + w), exactly, in `remainder` [m], by Knuth's
