@@ -151,7 +151,7 @@ class Latch:
         """The size of the moment [N m] or force [N] that the latch bore in the last step: a
         probe."""
         # One rank has the multipliers as one row, all others have no row.
-        own = multipliers_of(self._term(run), run.system).sum(axis=0)
+        own = multipliers_of(self._term(run), run.system.unknowns).sum(axis=0)
         λ: Array = run.system.comm.allreduce(own)
         # A rail has one multiplier, the force [N].
         if len(λ) == 1:

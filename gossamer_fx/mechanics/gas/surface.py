@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 from petsc4py import PETSc
@@ -29,6 +30,19 @@ class Moving(Protocol):
 
 # The area of an opening that moves with bodies, taken at the middle of the coming step.
 MovingArea = Loop | CompiledFilmArea
+
+
+@dataclass(frozen=True)
+class InStep:
+    """A scene at the start of a step, which functions of the user see as a run: probes read
+    `run.system.unknowns`."""
+
+    unknowns: Assembly
+
+    @property
+    def system(self) -> InStep:
+        """What has the unknowns."""
+        return self
 
 
 class Geometry:

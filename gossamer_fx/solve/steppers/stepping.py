@@ -187,7 +187,7 @@ def step_failure(system: System, h: float, reason: object) -> StepFailure:
 
 def switch_constraints(system: System) -> bool:
     """Engage and release the constraints, such as latches, whose time has come; returns whether one
-    has engaged, so that velocities have changed.  The loss of each is added to `EnergyBalance.losses`.
+    has engaged, so that velocities have changed.  The loss of each is added to the balance.
 
     `InputError`: a latch would hold what is held already, or something that moves has no mass.
     Collective.
