@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import inspect
 import itertools
+import logging
 import os
 import pickle
 import signal
@@ -29,6 +31,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.mesh import mesh
 from gossamer_fx.core.mesh.gmsh_reader import RawMesh
+from gossamer_fx.solve.scene import validation
 
 PATIENCE = 60.0  # s that a failed rank waits for the others
 TALK = (
@@ -81,6 +84,53 @@ def _collected_together() -> Iterator[None]:
     yield
     if next(_TESTS) % 20 == 0:
         gc.collect()
+
+
+class _WarningsOfUnits(logging.Handler):
+    """Collects the warnings that a number is probably in another unit."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.words: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if "is unusual" in record.getMessage():
+            self.words.append(record.getMessage())
+
+
+_UNITS = _WarningsOfUnits()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _listen_for_units() -> Iterator[None]:
+    """Listen from the first fixture on: some of them run demos."""
+    logger = logging.getLogger("gossamer_fx")
+    logger.addHandler(_UNITS)
+    yield
+    logger.removeHandler(_UNITS)
+
+
+@pytest.fixture(autouse=True)
+def _no_warning_of_units_in_demos(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fail a test of demos, studies or validation whose scenes get a warning of a unit: their
+    numbers are ordinary ones."""
+    is_of_demos = _runs_demos(request.module)
+    if is_of_demos:
+        # A warning is printed once in a process.
+        validation._printed.clear()
+    yield
+    words = list(_UNITS.words)
+    _UNITS.words.clear()
+    assert not (is_of_demos and words), f"an ordinary scene gets warnings of units: {words}"
+
+
+def _runs_demos(module: Any) -> bool:
+    """Whether a module of tests has something of the folder demos."""
+    for thing in vars(module).values():
+        name = thing.__name__ if inspect.ismodule(thing) else getattr(thing, "__module__", None)
+        if isinstance(name, str) and name.startswith("demos."):
+            return True
+    return False
 
 
 @pytest.fixture(autouse=True, scope="session")
