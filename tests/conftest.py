@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import inspect
 import itertools
 import logging
 import os
@@ -22,6 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import hypothesis
@@ -87,15 +87,25 @@ def _collected_together() -> Iterator[None]:
 
 
 class _WarningsOfUnits(logging.Handler):
-    """Collects the warnings that a number is probably in another unit."""
+    """Collects the warnings that a number is probably in another unit, of scenes that a program of
+    the folder demos runs."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
         self.words: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        if "is unusual" in record.getMessage():
+        if "is unusual" in record.getMessage() and _is_in_demos(sys._getframe()):
             self.words.append(record.getMessage())
+
+
+def _is_in_demos(frame: FrameType | None) -> bool:
+    """Whether a function of the folder demos has called the one of a frame, at any distance."""
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").startswith("demos."):
+            return True
+        frame = frame.f_back
+    return False
 
 
 _UNITS = _WarningsOfUnits()
@@ -111,26 +121,15 @@ def _listen_for_units() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _no_warning_of_units_in_demos(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Fail a test of demos, studies or validation whose scenes get a warning of a unit: their
-    numbers are ordinary ones."""
-    is_of_demos = _runs_demos(request.module)
-    if is_of_demos:
-        # A warning is printed once in a process.
-        validation._printed.clear()
+def _no_warning_of_units_in_demos() -> Iterator[None]:
+    """Fail a test in which a demo, a study or a validation gets a warning of a unit: their numbers
+    are ordinary ones."""
+    # A warning is printed once in a process.
+    validation._printed.clear()
     yield
     words = list(_UNITS.words)
     _UNITS.words.clear()
-    assert not (is_of_demos and words), f"an ordinary scene gets warnings of units: {words}"
-
-
-def _runs_demos(module: Any) -> bool:
-    """Whether a module of tests has something of the folder demos."""
-    for thing in vars(module).values():
-        name = thing.__name__ if inspect.ismodule(thing) else getattr(thing, "__module__", None)
-        if isinstance(name, str) and name.startswith("demos."):
-            return True
-    return False
+    assert words == [], "an ordinary scene gets warnings of units"
 
 
 @pytest.fixture(autouse=True, scope="session")
