@@ -217,7 +217,8 @@ def path(
 
     Raises:
         InputError: a name that the scene does not have, a scene with contact or with a part that
-            moves freely, `until` equal to `start`, a probe for the branch that does not change along it, or nothing to resume.
+            moves freely, `until` equal to `start`, a probe for the branch that does not change
+            along it, or nothing to resume.
         NoEquilibrium: at the first point, or the path cannot be followed.
 
     Example:
