@@ -67,7 +67,7 @@ def gravity(film, comm):
 
 
 def other_film(comm, gap=0.0):
-    """A film beyond the edge "top" of the first one, on a mesh of its own."""
+    """A film beyond the edge "top" of the first one, on a separate mesh."""
     return gx.Membrane(
         sheet(comm, 3, 3, 1.0, 0.5),
         LAW,
