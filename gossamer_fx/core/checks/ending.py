@@ -51,6 +51,24 @@ def raise_ctrl_c(number: int, frame: FrameType | None) -> None:
     raise CtrlC
 
 
+def lacks_room(error: BaseException) -> bool:
+    """Whether there was no memory, or none to load a library."""
+    if isinstance(error, MemoryError):
+        return True
+    # The words of the loader of Linux.
+    words = ("failed to map segment", "annot allocate memory")
+    return isinstance(error, ImportError | OSError) and any(w in str(error) for w in words)
+
+
+def no_room(error: BaseException) -> str:
+    """The sentence about an error for which `lacks_room` holds."""
+    cause = " ".join(str(error).split()) or "no words"
+    return (
+        f"there is not enough memory ({cause}); free some, or raise the limit that ulimit -v or a "
+        "batch system has set."
+    )
+
+
 @contextmanager
 def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     """Context, entered by all ranks, in which an error of one rank ends the program with the exit
