@@ -71,10 +71,10 @@ from .mechanics.contact.obstacles import DrawnSurface as DrawnSurface
 from .mechanics.contact.obstacles import Obstacle as Obstacle
 from .mechanics.contact.obstacles import ObstacleBoundary as ObstacleBoundary
 from .mechanics.contact.obstacles import ObstacleSolid as ObstacleSolid
-from .mechanics.contact.stencils import BoundaryStencil as BoundaryStencil
-from .mechanics.contact.stencils import EdgeEdge as EdgeEdge
-from .mechanics.contact.stencils import PairStencil as PairStencil
-from .mechanics.contact.stencils import PointPlane as PointPlane
+from .mechanics.contact.pairs import BoundaryStencil as BoundaryStencil
+from .mechanics.contact.pairs import EdgeEdge as EdgeEdge
+from .mechanics.contact.pairs import PairStencil as PairStencil
+from .mechanics.contact.pairs import PointPlane as PointPlane
 from .mechanics.gas.contract import Holder as Holder
 from .mechanics.gas.contract import Opening as Opening
 from .mechanics.gas.contract import Volume as Volume

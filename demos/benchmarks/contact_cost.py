@@ -18,7 +18,7 @@ from stopwatch import Timed
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.candidates import nearest_gaps
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.mechanics.contact.pairs import PairDistances
 from gossamer_fx.meshes.sheet import sheet
 
 # m, m, s

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs
-from gossamer_fx.mechanics.contact.potential import ROUNDING, ContactLaw
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.pairs import (
+    ActivePairs,
     EdgeEdge,
     PointInCylinder,
     PointInSphere,
     PointPlane,
     PointTriangle,
 )
+from gossamer_fx.mechanics.contact.potential import ROUNDING, ContactLaw
 
 # Which two of the vectors r, a, b make each measure.
 FIRST = [0, 0, 0, 1, 1, 2]

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.pairs import (
+    ActivePairs,
     EdgeEdge,
+    PairTable,
     PointInCylinder,
     PointInSphere,
     PointPlane,

@@ -12,8 +12,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.cone import EdgeCone, PointInCone
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_collisions
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable
+from gossamer_fx.mechanics.contact.pairs import STENCILS, ActivePairs, PairTable, closest_points
 from gossamer_fx.mechanics.contact.potential import (
     ContactLaw,
     PairState,
@@ -21,7 +20,6 @@ from gossamer_fx.mechanics.contact.potential import (
     evaluate,
     unit_energies,
 )
-from gossamer_fx.mechanics.contact.stencils import STENCILS
 from gossamer_fx.meshes.line import line
 from tests.contact.scenes import count_intersections, film, simulate
 

@@ -6,8 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs
+from gossamer_fx.mechanics.contact.pairs import (
+    STENCILS,
+    ActivePairs,
+    EdgeEdge,
+    PointTriangle,
+    closest_points,
+)
 from gossamer_fx.mechanics.contact.potential import (
     ContactLaw,
     PairEvaluation,
@@ -17,7 +22,6 @@ from gossamer_fx.mechanics.contact.potential import (
     pair_starts,
     unit_energies,
 )
-from gossamer_fx.mechanics.contact.stencils import STENCILS, EdgeEdge, PointTriangle
 from tests.contact.pairs_twin import PairTwin
 from tests.contact.random_pairs import KINDS, derivative_by_differences, near_pairs
 

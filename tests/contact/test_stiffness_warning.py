@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.pair_stiffness import StiffnessWarning
+from gossamer_fx.mechanics.contact.active_set import StiffnessWarning
 from tests.contact.scenes import SIGMA, film, simulate
 
 COMM = MPI.COMM_SELF

@@ -38,7 +38,7 @@ from gossamer_fx.mechanics.contact.obstacles import (
     rounded_cone,
     unit_vector,
 )
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.pairs import (
     ROUNDING,
     TINY,
     BoundaryStencil,

@@ -23,7 +23,7 @@ Stiffness.  Without a given stiffness a pair that begins to touch in a step take
     k = 4 σ v² A,    v = 1.25 |dD/dt|,                                                          (2)
 
 σ the area density of both sides and dD/dt the rate of its distance at the start of this step
-(`pair_stiffness`).  It keeps k while it has energy.  So the forces of later steps depend on the
+(`active_set`).  It keeps k while it has energy.  So the forces of later steps depend on the
 state at the start of the first one, and on the masses of the bodies.
 
 Algorithm, backwards over the steps, with one sum for each pair.
@@ -44,11 +44,17 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import MeshBody
+from gossamer_fx.mechanics.contact.active_set import SHORT_TIME, SPEED_RESERVE
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_stiffness import SHORT_TIME, SPEED_RESERVE
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs
+from gossamer_fx.mechanics.contact.pairs import (
+    TINY,
+    ActivePairs,
+    closest_points,
+    derivatives_of,
+    is_boundary,
+    parameter_derivatives_of,
+)
 from gossamer_fx.mechanics.contact.potential import (
     ContactLaw,
     PairState,
@@ -56,12 +62,6 @@ from gossamer_fx.mechanics.contact.potential import (
     evaluate,
     forces_by_origin,
     unit_energies,
-)
-from gossamer_fx.mechanics.contact.stencils import (
-    TINY,
-    derivatives_of,
-    is_boundary,
-    parameter_derivatives_of,
 )
 
 

@@ -27,7 +27,13 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import Inadmissible
 from gossamer_fx.core.forms.c_source import c_library
-from gossamer_fx.mechanics.contact.active_set import FAR, Activation, ContactHistory, StepDistances
+from gossamer_fx.mechanics.contact.active_set import (
+    FAR,
+    Activation,
+    ContactHistory,
+    PairStiffness,
+    StepDistances,
+)
 from gossamer_fx.mechanics.contact.broad_phase.candidates import (
     CandidateSearch,
     StepPoints,
@@ -38,14 +44,19 @@ from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import KEPT_GAP, LargeTurns
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, closest_points
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
     refuse_coincident,
     refuse_intersections,
     refuse_points_inside,
 )
-from gossamer_fx.mechanics.contact.pair_stiffness import PairStiffness
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs
+from gossamer_fx.mechanics.contact.pairs import (
+    TINY,
+    ActivePairs,
+    CandidatePairs,
+    PairDistances,
+    closest_points,
+    is_boundary,
+)
 from gossamer_fx.mechanics.contact.potential import (
     PUSH_BACK,
     ContactLaw,
@@ -53,7 +64,6 @@ from gossamer_fx.mechanics.contact.potential import (
     energy_of_pairs,
     pair_starts,
 )
-from gossamer_fx.mechanics.contact.stencils import TINY, is_boundary
 from gossamer_fx.mechanics.contact.step_forces import StepForces
 from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 

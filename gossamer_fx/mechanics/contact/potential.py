@@ -67,9 +67,15 @@ import numpy as np
 from gossamer_fx.core.forms.c_source import CStruct
 from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, pair_list_fields
-from gossamer_fx.mechanics.contact.stencils import ROUNDING, is_boundary, stencils_of
+from gossamer_fx.mechanics.contact.pairs import (
+    ROUNDING,
+    ActivePairs,
+    CandidatePairs,
+    closest_points,
+    is_boundary,
+    pair_list_fields,
+    stencils_of,
+)
 from gossamer_fx.mechanics.terms.discrete_gradient import acts_at_end
 
 # Stiffness by which pairs that passed through are pushed back, over their own: more than the

@@ -25,7 +25,7 @@ from gossamer_fx.mechanics.contact.contract import (
     Int64Array,
 )
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs
+from gossamer_fx.mechanics.contact.pairs import ActivePairs
 from gossamer_fx.mechanics.contact.potential import (
     PUSH_BACK,
     ContactLaw,

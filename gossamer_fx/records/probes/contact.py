@@ -19,9 +19,9 @@ from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.curved_cells import distances_from_pieces
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
+from gossamer_fx.mechanics.contact.pairs import PairDistances
 from gossamer_fx.records.probes.points import AXES, AxisName
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import ForSystem, StateView

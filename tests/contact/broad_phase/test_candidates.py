@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.candidates import TrajectoryBounds, find_candidates
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pairs import closest_points
 from gossamer_fx.meshes.sheet import sheet
 from tests.contact.broad_phase.test_trajectory_bounds import TURN, drifted
 from tests.contact.random_pairs import all_pairs, separate_triangles, table_of_primitives

@@ -18,9 +18,13 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
 from gossamer_fx.mechanics.contact.friction.start_derivative import (
     add_product_with_start_derivative,
 )
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pairs import (
+    EdgeEdge,
+    PointTriangle,
+    closest_points,
+    gap_weights_of,
+)
 from gossamer_fx.mechanics.contact.potential import ContactLaw, pair_starts
-from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle, gap_weights_of
 from tests.contact.random_pairs import derivative_by_differences, near_pairs
 
 # Pairs of each kind; of them some ten rub.

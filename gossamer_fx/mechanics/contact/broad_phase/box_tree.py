@@ -15,8 +15,7 @@ from gossamer_fx.mechanics.contact.geometry.facets import (
     FilteredPrimitives,
 )
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.pair_table import PairTable
-from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
+from gossamer_fx.mechanics.contact.pairs import EdgeEdge, PairTable, PointTriangle
 
 # Overlaps for which there is room at first, for each box that is asked for; a surface has about six
 # neighbours a point, and a search with too little room is made once more with enough of it.

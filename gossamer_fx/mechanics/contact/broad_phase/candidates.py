@@ -35,8 +35,7 @@ from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array,
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.facets import FilteredPrimitives
 from gossamer_fx.mechanics.contact.geometry.surface_share import SurfaceTables
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import SIDES, is_boundary
+from gossamer_fx.mechanics.contact.pairs import SIDES, CandidatePairs, is_boundary
 
 # Boxes by which a rank describes where it searches.  In a folded sail the one box round all
 # primitives of a rank overlaps everything; with this many, boxes are about as flat as the folds.

@@ -21,9 +21,8 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     parameters_at_start,
 )
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE, CollisionMesh
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs
+from gossamer_fx.mechanics.contact.pairs import SIDES, ActivePairs
 from gossamer_fx.mechanics.contact.potential import ContactLaw
-from gossamer_fx.mechanics.contact.stencils import SIDES
 
 
 class Friction:

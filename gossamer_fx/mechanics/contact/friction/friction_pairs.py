@@ -47,15 +47,17 @@ from gossamer_fx.mechanics.contact.contract import (
     Sides,
 )
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairRows, PairTable
-from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState, evaluate
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.pairs import (
     SIDES,
     TINY,
+    ActivePairs,
+    PairRows,
+    PairTable,
     gap_weights_of,
     lengths_of,
     stencils_of,
 )
+from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState, evaluate
 
 # Sine of the angle to the normal, or to the other direction, below which an edge gives no direction
 # to slide along.

@@ -34,8 +34,8 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     grip_of,
     parameters_at_start,
 )
+from gossamer_fx.mechanics.contact.pairs import parameter_derivatives_of
 from gossamer_fx.mechanics.contact.potential import evaluate, forces_by_origin, reversed_pairs
-from gossamer_fx.mechanics.contact.stencils import parameter_derivatives_of
 
 # Size of complex steps, whose square is below the round-off of any number.
 COMPLEX_STEP = 1e-30

@@ -20,9 +20,13 @@ from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, pair_list
-from gossamer_fx.mechanics.contact.stencils import is_boundary
+from gossamer_fx.mechanics.contact.pairs import (
+    CandidatePairs,
+    PairDistances,
+    PairTable,
+    is_boundary,
+    pair_list,
+)
 
 # Positions on the way at which a distance is computed at most.  A sail that turns moves far while
 # its layers stay near each other: with 100, every third step of such a sail was refused for
