@@ -42,7 +42,7 @@ from gossamer_fx.mechanics.gas.contract import (
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
-from gossamer_fx.mechanics.gas.surface import Geometry, InStep
+from gossamer_fx.mechanics.gas.surface import Geometry, InStep, SeenSystem
 from gossamer_fx.mechanics.gas.volumes import Chamber
 
 
@@ -682,7 +682,8 @@ class FilmHeat(Wall):
         if not callable(given):
             return given
         what = f"FilmHeat '{self.name}': its temperature at t = {geometry.system.time:.6g} s"
-        found = float(ask_numbers(geometry.comm, what, lambda: given(InStep(geometry.system))))
+        seen = InStep(SeenSystem(geometry.system))
+        found = float(ask_numbers(geometry.comm, what, lambda: given(seen)))
         check(found > 0, f"{what} is {found!r} K; give one that is positive.")
         return found
 

@@ -32,17 +32,19 @@ class Moving(Protocol):
 MovingArea = Loop | CompiledFilmArea
 
 
-@dataclass(frozen=True)
-class InStep:
-    """A scene at the start of a step, which functions of the user see as a run: probes read
-    `run.system.unknowns`."""
+@dataclass
+class SeenSystem:
+    """What functions of the user see of a system."""
 
     unknowns: Assembly
 
-    @property
-    def system(self) -> InStep:
-        """What has the unknowns."""
-        return self
+
+@dataclass
+class InStep:
+    """A scene at the start of a step as a run, for functions of the user: probes read
+    `run.system.unknowns`."""
+
+    system: SeenSystem
 
 
 class Geometry:
