@@ -11,15 +11,15 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.cone import EdgeCone, PointInCone
-from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_collisions
-from gossamer_fx.mechanics.contact.pairs import STENCILS, ActivePairs, PairTable, closest_points
-from gossamer_fx.mechanics.contact.potential import (
+from gossamer_fx.mechanics.contact.contact_step import (
     ContactLaw,
     PairState,
     energy_of_pairs,
     evaluate,
     unit_energies,
 )
+from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_collisions
+from gossamer_fx.mechanics.contact.pairs import STENCILS, ActivePairs, PairTable, closest_points
 from gossamer_fx.meshes.line import line
 from tests.contact.scenes import count_intersections, film, simulate
 

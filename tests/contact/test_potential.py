@@ -6,14 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.mechanics.contact.pairs import (
-    STENCILS,
-    ActivePairs,
-    EdgeEdge,
-    PointTriangle,
-    closest_points,
-)
-from gossamer_fx.mechanics.contact.potential import (
+from gossamer_fx.mechanics.contact.contact_step import (
     ContactLaw,
     PairEvaluation,
     PairState,
@@ -21,6 +14,13 @@ from gossamer_fx.mechanics.contact.potential import (
     evaluate,
     pair_starts,
     unit_energies,
+)
+from gossamer_fx.mechanics.contact.pairs import (
+    STENCILS,
+    ActivePairs,
+    EdgeEdge,
+    PointTriangle,
+    closest_points,
 )
 from tests.contact.pairs_twin import PairTwin
 from tests.contact.random_pairs import KINDS, derivative_by_differences, near_pairs

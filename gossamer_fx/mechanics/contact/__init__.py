@@ -9,7 +9,7 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
     narrow_phase/    continuous collision detection, intersections
     active_set       candidates that take part in a step, their activation distances and stiffness,
                      and what is taken over from step to step
-    potential        energy, forces and tangents of pairs: barrier or penalty
+    contact_step     energy, forces and tangents of pairs: barrier or penalty
     step_forces      forces and tangents of the active pairs of a step
     friction/        Coulomb friction of the active pairs
     assembly         blocks of the tangent

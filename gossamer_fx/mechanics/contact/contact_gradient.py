@@ -9,7 +9,7 @@ what it leaves out, and the derivatives by the numbers of a contact:
 
 Origins.  The vector r of a pair leads between the closest points (u0, v0) of the start of the step.
 The energy of the pair does not depend on this origin.  The force of a step does, slightly: the
-correction along the change of the measures (`contact.potential`, equation 3) is another one for
+correction along the change of the measures (`contact.contact_step`, equation 3) is another one for
 another r.  The reversed step of a gradient keeps the origin, so that this derivative is added to
 what the reversed step gives:
 
@@ -46,6 +46,14 @@ from petsc4py import PETSc
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.mechanics.contact.active_set import SHORT_TIME, SPEED_RESERVE
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.contact_step import (
+    ContactLaw,
+    PairState,
+    energy_of_pairs,
+    evaluate,
+    forces_by_origin,
+    unit_energies,
+)
 from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.pairs import (
     TINY,
@@ -54,14 +62,6 @@ from gossamer_fx.mechanics.contact.pairs import (
     derivatives_of,
     is_boundary,
     parameter_derivatives_of,
-)
-from gossamer_fx.mechanics.contact.potential import (
-    ContactLaw,
-    PairState,
-    energy_of_pairs,
-    evaluate,
-    forces_by_origin,
-    unit_energies,
 )
 
 

@@ -9,10 +9,10 @@ from dolfinx import la
 
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.contact_step import evaluate
 from gossamer_fx.mechanics.contact.contract import Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.curved_cells import has_middle_nodes
 from gossamer_fx.mechanics.contact.geometry.facets import EDGES_OF_CELLS
-from gossamer_fx.mechanics.contact.potential import evaluate
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,13 @@ from gossamer_fx.mechanics.contact.broad_phase.candidates import (
     StepPoints,
     nearest_gaps,
 )
+from gossamer_fx.mechanics.contact.contact_step import (
+    PUSH_BACK,
+    ContactLaw,
+    activate,
+    energy_of_pairs,
+    pair_starts,
+)
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
@@ -56,13 +63,6 @@ from gossamer_fx.mechanics.contact.pairs import (
     PairDistances,
     closest_points,
     is_boundary,
-)
-from gossamer_fx.mechanics.contact.potential import (
-    PUSH_BACK,
-    ContactLaw,
-    activate,
-    energy_of_pairs,
-    pair_starts,
 )
 from gossamer_fx.mechanics.contact.step_forces import StepForces
 from gossamer_fx.mechanics.terms.assembly import CouplingBlocks

@@ -14,7 +14,7 @@ since the C functions and NumPy work on columns.  The broad phase makes `Candida
 the active set makes `ActivePairs` with the columns of the energy.
 
 Distances.  The C functions give a number s for each pair, in which the energy is concave
-(`contact.potential`):
+(`contact.contact_step`):
 
     two surfaces       s is the squared distance of the closest points [m²], which have the
                        parameters (u, v) on the two sides
@@ -405,7 +405,7 @@ class ActivePairs(PairTable):
         offset: s at which x is zero (n,).
         start: at the start of the step (n, 4): parameters u, v of the closest points, distance [m],
             and s with rounded edges.  None: not computed yet; see
-            `potential.pair_starts`.
+            `contact_step.pair_starts`.
     """
 
     identifier: Int64Array

@@ -18,6 +18,14 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.mechanics.contact.assembly import BlockAssembly
+from gossamer_fx.mechanics.contact.contact_step import (
+    PUSH_BACK,
+    ContactLaw,
+    PairEvaluation,
+    PairState,
+    evaluate,
+    reversed_pairs,
+)
 from gossamer_fx.mechanics.contact.contract import (
     Array,
     ContactAssembly,
@@ -26,14 +34,6 @@ from gossamer_fx.mechanics.contact.contract import (
 )
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.pairs import ActivePairs
-from gossamer_fx.mechanics.contact.potential import (
-    PUSH_BACK,
-    ContactLaw,
-    PairEvaluation,
-    PairState,
-    evaluate,
-    reversed_pairs,
-)
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.

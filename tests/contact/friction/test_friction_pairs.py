@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gossamer_fx.mechanics.contact.contact_step import ContactLaw, pair_starts
 from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     EDGE_WEIGHTS,
     BetweenBodies,
@@ -24,7 +25,6 @@ from gossamer_fx.mechanics.contact.pairs import (
     closest_points,
     gap_weights_of,
 )
-from gossamer_fx.mechanics.contact.potential import ContactLaw, pair_starts
 from tests.contact.random_pairs import derivative_by_differences, near_pairs
 
 # Pairs of each kind; of them some ten rub.

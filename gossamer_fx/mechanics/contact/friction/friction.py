@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gossamer_fx.mechanics.contact.contact_step import ContactLaw
 from gossamer_fx.mechanics.contact.contract import (
     Array,
     ContactAssembly,
@@ -22,7 +23,6 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
 )
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE, CollisionMesh
 from gossamer_fx.mechanics.contact.pairs import SIDES, ActivePairs
-from gossamer_fx.mechanics.contact.potential import ContactLaw
 
 
 class Friction:

@@ -38,6 +38,7 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.mechanics.contact.contact_step import ContactLaw, PairState, evaluate
 from gossamer_fx.mechanics.contact.contract import (
     Array,
     ByteArray,
@@ -57,7 +58,6 @@ from gossamer_fx.mechanics.contact.pairs import (
     lengths_of,
     stencils_of,
 )
-from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState, evaluate
 
 # Sine of the angle to the normal, or to the other direction, below which an edge gives no direction
 # to slide along.

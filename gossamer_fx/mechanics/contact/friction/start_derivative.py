@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gossamer_fx.mechanics.contact.contact_step import evaluate, forces_by_origin, reversed_pairs
 from gossamer_fx.mechanics.contact.contract import Array
 from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     SMALLEST_SLIDING,
@@ -35,7 +36,6 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     parameters_at_start,
 )
 from gossamer_fx.mechanics.contact.pairs import parameter_derivatives_of
-from gossamer_fx.mechanics.contact.potential import evaluate, forces_by_origin, reversed_pairs
 
 # Size of complex steps, whose square is below the round-off of any number.
 COMPLEX_STEP = 1e-30
