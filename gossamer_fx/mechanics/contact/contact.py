@@ -94,7 +94,6 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
                 coefficient=item.friction,
                 of_obstacles=own_coefficients,
                 slip_velocity=item.slip_velocity,
-                law=term.law,
                 system=whole,
             )
         ContactSet.__init__(
@@ -210,7 +209,7 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
     def solids(self) -> list[Solid]:
         """Return the obstacles as solids for pictures; collective. Planes, which have no end, are
         drawn near the bodies; kinds of obstacles without a picture are left out."""
-        x = self.x0[: self.points.body_count]
+        x = self.accepted.x[: self.points.body_count]
         near = np.array(box(self.mesh.comm, x))
         found = [obstacle.solid(near) for obstacle in self.item.obstacles]
         return [solid for solid in found if solid is not None]
