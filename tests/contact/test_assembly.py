@@ -86,7 +86,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     exact.scale(0.5 / ε)
     forces(0.0)
     # Enough points in contact, or the tangent is zero.
-    pressed = contact_set_of(run).forces.point_forces.any(axis=1)
+    pressed = contact_set_of(run).forces.on_points.any(axis=1)
     assert comm.allreduce(np.count_nonzero(pressed)) > 10
     A = numbering.matrix()
     contacts.add_tangents(A)

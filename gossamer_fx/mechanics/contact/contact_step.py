@@ -92,7 +92,7 @@ import numpy as np
 
 from gossamer_fx.core.forms.c_source import CStruct
 from gossamer_fx.mechanics.contact.assembly import CouplingEntries, PairBlocks, TangentPattern
-from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int64Array
+from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.pairs import (
@@ -331,51 +331,59 @@ class PairStep:
         """The pairs as C takes them."""
         return _active_pairs(self.pairs, self.pairs.start, self.law)
 
+    @cached_property
+    def _arguments(self) -> tuple[CStruct, CStruct]:
+        """The step and its response as C takes them, of which each call fills in the end of the
+        step and its own arrays: most of a call would be spent on making them again."""
+        c = library()
+        nothing = c.ffi.NULL
+        step = {
+            "x0": c.array("x0", self.x0, "float64", (len(self.x0), 3)),
+            "x1": nothing,
+            "alpha": self.alpha,
+            "is_state": acts_at_end(self.alpha),
+            "geometric_share": 1.0,
+            "push_back": self.push_back,
+        }
+        response = {"state": nothing, "state_is_known": False, "block_index": nothing}
+        response |= dict.fromkeys(RESULTS, nothing)
+        return c.struct("contact_step", step), c.struct("contact_response", response)
+
     def _evaluate(
         self,
         x1: Array,
         state: ByteArray,
         results: Mapping[str, Array],
         *,
-        block_index: Any = None,
+        block_index: Int32Array | None = None,
         is_known: bool = False,
         geometric_share: float = 1.0,
     ) -> None:
         """Let C compute the step to x1.  `results`: arrays that it writes or adds to, by the fields
         of `contact_response`; fields without an array are not computed.  `is_known`: whether C
         reads `state`, or writes it."""
-        if not len(state):
+        count = len(state)
+        if not count:
             return
         c = library()
-        count = len(state)
-        shape = (len(self.x0), 3)
-        is_state = acts_at_end(self.alpha)
         table = self._table
-        if is_state:
+        if acts_at_end(self.alpha):
             # In statics the force is the gradient at the end, whose closest points it needs.
             table = PairStep.of_state(self.pairs, x1, self.law)._table
-        step = c.struct(
-            "contact_step",
-            {
-                "x0": c.array("x0", self.x0, "float64", shape),
-                "x1": c.array("x1", x1, "float64", shape),
-                "alpha": self.alpha,
-                "is_state": is_state,
-                "geometric_share": geometric_share,
-                "push_back": self.push_back,
-            },
-        )
-        response = {
-            "state": c.array("state", state, "uint8", (count,), writable=True),
-            "state_is_known": is_known,
-            "block_index": c.array("block_index", block_index, "int32", (count, 16)),
-            **dict.fromkeys(RESULTS, c.ffi.NULL),
-        }
-        for name, values in results.items():
-            response[name] = c.array(name, values, "float64", values.shape, writable=True)
-        c.lib.evaluate_pairs(
-            table.pointer, step.pointer, c.struct("contact_response", response).pointer
-        )
+        step_struct, response_struct = self._arguments
+        step = step_struct.pointer
+        step.x1 = c.array("x1", x1, "float64", self.x0.shape)
+        step.geometric_share = geometric_share
+        response = response_struct.pointer
+        response.state = c.array("state", state, "uint8", (count,), writable=True)
+        response.state_is_known = is_known
+        response.block_index = c.array("block_index", block_index, "int32", (count, 16))
+        for name in RESULTS:
+            values = results.get(name)
+            shape = () if values is None else values.shape
+            pointer = c.array(name, values, "float64", shape, writable=True)
+            setattr(response, name, pointer)
+        c.lib.evaluate_pairs(table.pointer, step, response)
 
 
 # ---- groups of pairs ----
