@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -92,12 +93,11 @@ class CouplingEntries:
     columns of fixed coordinates.
 
     Attributes:
-        rows, columns: block rows of each (k,), numbered as in the pattern.
+        which: numbers (k,) of these blocks among the couplings of the pattern.
         values: (k, 9) [N/m].
     """
 
-    rows: Int64Array
-    columns: Int64Array
+    which: Int64Array
     values: Array
 
 
@@ -318,6 +318,12 @@ class TangentPattern:
         """Add those of blocks (b, 9) that are on the diagonal to a matrix."""
         _enter(A, self.diagonal_rows, blocks[self.diagonal], self.has_node_blocks)
 
+    @cached_property
+    def _index_pointer(self) -> Any:
+        """`couplings.index` as C takes it."""
+        index = self.couplings.index
+        return library().array("index", index, "int32", index.shape)
+
     def entries(self, blocks: Array) -> CouplingEntries:
         """Sum those of blocks (b, 9) that are off the diagonal in this rank's block rows;
         collective.  Blocks that are zero are left out.  Entries of fixed coordinates are set to
@@ -330,35 +336,33 @@ class TangentPattern:
         c = library()
         c.lib.find_nonzero_blocks(
             len(index),
-            c.array("index", index, "int32", index.shape),
+            self._index_pointer,
             c.array("blocks", sums, "float64", (len(sums), 9)),
             c.array("is_nonzero", is_nonzero, "uint8", index.shape, writable=True),
         )
         nonzero = is_nonzero.nonzero()[0]
-        return CouplingEntries(
-            rows=self.couplings.rows[nonzero],
-            columns=self.couplings.columns[nonzero],
-            values=sums[index[nonzero]],
-        )
+        return CouplingEntries(nonzero, sums[index[nonzero]])
 
     def strong(self, entries: CouplingEntries, diagonal: PETSc.Vec) -> CouplingEntries:
         """Return the couplings that a preconditioner needs (`STRONG_COUPLING`) besides a matrix
         with this diagonal; collective."""
         size = np.abs(self.couplings.values_at(diagonal)).max(axis=1)
         squared_norm = np.einsum("ni,ni->n", entries.values, entries.values)
-        mean = size[entries.rows] * size[entries.columns]
+        rows = self.couplings.rows[entries.which]
+        columns = self.couplings.columns[entries.which]
+        mean = size[rows] * size[columns]
         strong = np.flatnonzero(squared_norm > STRONG_COUPLING**2 * mean)
-        return CouplingEntries(
-            entries.rows[strong], entries.columns[strong], entries.values[strong]
-        )
+        return CouplingEntries(entries.which[strong], entries.values[strong])
 
     def matrix(self, entries: CouplingEntries) -> PETSc.Mat | None:
         """Return couplings as a new matrix [N/m]; None if no rank has any.  Collective."""
         comm = self.system.comm
-        if not comm.allreduce(len(entries.rows)):
+        if not comm.allreduce(len(entries.which)):
             return None
         first_dof = self.couplings.first_dof
-        pattern = _csr(entries.rows, entries.columns, first_dof, self.has_node_blocks)
+        rows = self.couplings.rows[entries.which]
+        columns = self.couplings.columns[entries.which]
+        pattern = _csr(rows, columns, first_dof, self.has_node_blocks)
         numbering = self.system.numbering
         block_size = 3 if self.has_node_blocks else 1
         local_size = numbering.size_local
@@ -371,15 +375,19 @@ class TangentPattern:
             return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=comm)
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 
+    @cached_property
+    def _nodes(self) -> tuple[Int64Array, Int64Array]:
+        """Row and column (k,) of each coupling in a matrix of blocks."""
+        first_dof = self.couplings.first_dof
+        return first_dof[self.couplings.rows] // 3, first_dof[self.couplings.columns] // 3
+
     def blocks(self, entries: CouplingEntries) -> CouplingBlocks | None:
         """Return couplings as blocks of the matrix of the system; None: on several ranks, or where
         it has no blocks of three."""
         if self.system.comm.size > 1 or not self.has_node_blocks:
             return None
-        first_dof = self.couplings.first_dof
-        rows = first_dof[entries.rows] // 3
-        columns = first_dof[entries.columns] // 3
-        return CouplingBlocks(rows, columns, entries.values)
+        rows, columns = self._nodes
+        return CouplingBlocks(rows[entries.which], columns[entries.which], entries.values)
 
 
 def _number_blocks(

@@ -366,24 +366,23 @@ class PairStep:
         if not count:
             return
         c = library()
-        table = self._table
-        if acts_at_end(self.alpha):
-            # In statics the force is the gradient at the end, whose closest points it needs.
-            table = PairStep.of_state(self.pairs, x1, self.law)._table
         step_struct, response_struct = self._arguments
         step = step_struct.pointer
+        response = response_struct.pointer
         step.x1 = c.array("x1", x1, "float64", self.x0.shape)
         step.geometric_share = geometric_share
-        response = response_struct.pointer
         response.state = c.array("state", state, "uint8", (count,), writable=True)
         response.state_is_known = is_known
         response.block_index = c.array("block_index", block_index, "int32", (count, 16))
-        for name in RESULTS:
-            values = results.get(name)
-            shape = () if values is None else values.shape
-            pointer = c.array(name, values, "float64", shape, writable=True)
-            setattr(response, name, pointer)
+        for name, values in results.items():
+            setattr(response, name, c.array(name, values, "float64", values.shape, writable=True))
+        table = self._table
+        if step.is_state:
+            # In statics the force is the gradient at the end, whose closest points it needs.
+            table = PairStep.of_state(self.pairs, x1, self.law)._table
         c.lib.evaluate_pairs(table.pointer, step, response)
+        for name in results:
+            setattr(response, name, c.ffi.NULL)
 
 
 # ---- groups of pairs ----
