@@ -58,6 +58,7 @@ from gossamer_fx.analysis.sensitivity.variables import (
 )
 from gossamer_fx.analysis.statics.continuation import FINAL_REDUCTION, FINAL_TOLERANCE
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.analysis.vibration.spectrum import UNKNOWN, count_unstable
 from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
@@ -100,6 +101,10 @@ KINK_STEP_RATIO = 1e-2
 
 # Length of a step over the first one, below which the path is given up.
 MIN_STEP_RATIO = 1e-6
+
+# Length within which a branch point is located, over that of a limit point, at which the load does
+# not depend on the length: loads of both are then the same for all steps to 1e-4.
+BRANCH_WIDTH = 0.1
 
 # Change of the load in the first step on a branch, over that of a step times the tolerance: the
 # branch begins where its load does not change, and the branch point is known to the tolerance.
@@ -207,11 +212,13 @@ def path(
         outputs: write each point, e.g. `Recording("path")`, whose report has curves over the load.
         resume: whether to continue the last path of this equilibrium from its last point, as if it
             had not ended there; `by`, `start`, `first_step` and `branch` are those of that path.
-        tolerance: length within which limit and branch points are located, over that of the step.
+        tolerance: length within which limit points are located, over that of the step; branch
+            points, at which the load changes along the path, within a tenth of it.
 
     Raises:
-        InputError: a name that the scene does not have, a scene with contact, `until` equal to
-            `start`, a probe for the branch that does not change along it, or nothing to resume.
+        InputError: a name that the scene does not have, a scene with contact or with a part that
+            moves freely, `until` equal to `start`, a probe for the branch that does not change
+            along it, or nothing to resume.
         NoEquilibrium: at the first point, or the path cannot be followed.
 
     Example:
@@ -251,7 +258,14 @@ def path(
     if not isinstance(follower, _Follower) or not resume:
         load = _Load(system, by)
         load.set(start)
-        equilibrium.find(at=load.time(start))
+        found = equilibrium.find(at=load.time(start))
+        # Along a free motion any step is as good as another one: the path would wander there, and
+        # count signs of round-off.
+        check(
+            not found.free,
+            f"path: nothing resists {listed(found.free)}; hold it by gx.Fixed, "
+            "or start from a load that holds it.",
+        )
         step = first_step or abs(until - start) / 20
         follower = _Follower(equilibrium, load, start=start, toward=until, first_step=step)
         follower.branch = branch
@@ -771,6 +785,8 @@ class _Follower:
         low = 0.0
         high = end.length
         width = tolerance * end.length
+        if not self._is_past_limit(end):
+            width *= BRANCH_WIDTH
         while high - low > width:
             middle = (low + high) / 2
             tried = self._solve(middle)
