@@ -317,7 +317,6 @@ class Scene:
         for condition in sorted(conditions, key=lambda one: [isinstance(one, k) for k in late]):
             condition.initialise(start)
         items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
-        _check_that_all_add(self.items, [one.terms for one in items])
         system = System(start, items, rule or PathAverage())
         kinds: dict[type[ScalarUnknowns], list[object]] = {}
         for item in self.items:
@@ -325,6 +324,8 @@ class Scene:
                 kinds.setdefault(item.scalar_unknowns, []).append(item)
         for kind, alike in kinds.items():
             system.scalar_unknowns.append(kind(alike, system))
+        # After the gas network, which names the base class that an item of gas lacks.
+        _check_that_all_add(self.items, [one.terms for one in items])
         # Last: masses, constraints and gas start from the complete initial state.
         system.initialise()
         for condition in conditions:
