@@ -135,7 +135,7 @@ def chamber_states(system: System) -> dict[str, Any]:
 
 
 def chamber_state(system: System, name: str) -> Any:
-    """State of the gas in one chamber or tank; `InputError` if the scene has none of this name."""
+    """State of the gas in one chamber or tank; `InputError` if none in the scene has this name."""
     chambers = chamber_states(system)
     known = ", ".join(chambers) or "none"
     check(

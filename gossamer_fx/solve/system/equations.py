@@ -53,6 +53,7 @@ class Equations:
             for kind, alike in unknowns.kinds.items()
             for compiled in kind.compile(cast("list[Never]", alike), unknowns)
         ]
+        unknowns.compiled += self.compiled
         self.constraints: Multipliers | None = next(iter(self.compiled_as(Multipliers)), None)
         self.active_sets = self.compiled_as(ActiveSet)
         self.differentiable = self.compiled_as(Differentiable)

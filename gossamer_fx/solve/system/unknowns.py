@@ -6,6 +6,7 @@ Terms are compiled for these unknowns, of which they see the contract `terms.ass
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Never
 
 import numpy as np
 from petsc4py import PETSc
@@ -14,7 +15,7 @@ from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.terms.assembly import Compiler, ItemTerms, Multipliers
+from gossamer_fx.mechanics.terms.assembly import CompiledTerms, Compiler, ItemTerms, Multipliers
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.supports import Support, Supports
@@ -48,6 +49,7 @@ class Unknowns:
             nodes, (n,).
         supports: fixed and prescribed coordinates.
         increment: p, w and the inertia of the step.
+        compiled: the compiled kinds of terms, once all are.
         M: mass matrix [kg], once the matrices of the scene are made.
         time: of the accepted state [s].
         previous_time: at the start of the last accepted step [s].
@@ -98,6 +100,7 @@ class Unknowns:
             body: body.coordinates(rule.alpha) for body in self.bodies if is_on_mesh(body)
         }
         self.position_marks = self._mark_positions()
+        self.compiled: list[CompiledTerms[Never]] = []
         self.supports = Supports(supports, self)
         self.increment = Increment(numbering, self.supports)
 
