@@ -46,23 +46,22 @@ from gossamer_fx.core.checks.errors import check, on_rank_zero
 from gossamer_fx.core.forms.c_source import HASH_DIGITS
 from gossamer_fx.core.forms.compilation import kernel_options, private_cache, require_compiler
 from gossamer_fx.core.laws.c_text import c_text
-from gossamer_fx.core.laws.tracing import NotTraceable, inputs_of, trace
+from gossamer_fx.core.laws.tracing import (
+    COMPLEX_AGREEMENT,
+    COMPLEX_STEP,
+    NotTraceable,
+    inputs_of,
+    trace,
+)
 
 Array = npt.NDArray[np.float64]
 
 # How derivatives are taken, exact to round-off the first two, the last to some eight digits
 Derivatives = Literal["compiled", "complex steps", "differences"]
 
-# Complex steps have no cancellation; its square is negligible.
-COMPLEX_STEP = 1e-30
-
 # Share of a number, or its size where that is zero, by which it is varied for a difference: the
 # cube root of round-off.
 DIFFERENCE_STEP = 6e-6
-
-# A function may take complex numbers and lose their imaginary part, e.g. by `abs`: both ways to a
-# derivative are compared at the first call, and may differ by this share of the largest.
-COMPLEX_AGREEMENT = 1e-3
 
 # As of `forms.c_source`, without vectorisation, which a law has no loops for
 OPTIONS = ("-fno-math-errno", "-ffp-contract=off")

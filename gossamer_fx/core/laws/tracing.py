@@ -16,7 +16,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import basix.ufl
+import numpy as np
 import ufl
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.classes import Zero
 from ufl.core.expr import Expr
 
 # A real number, a complex one for derivatives by complex steps, or a symbol
@@ -33,6 +36,13 @@ MAX_BISECTIONS = 1100
 # root; the error of a difference as slope, some 1e-9, is their factor of convergence.
 POLISHING = 3
 RELATIVE_STEP = 1e-6
+
+# Complex steps have no cancellation; its square is negligible.
+COMPLEX_STEP = 1e-30
+
+# A function may take complex numbers and lose their imaginary part, e.g. by `float`: both ways to a
+# derivative may differ by this share of the largest.
+COMPLEX_AGREEMENT = 1e-3
 
 # UFL's constants belong to a mesh, of which nothing is used.  Its number is given, so that those of
 # meshes that are made later do not depend on laws.
@@ -88,6 +98,39 @@ class Branch:
     holds: Branch | Leaf
     fails: Branch | Leaf
     roots: list[Root]
+
+
+def partial_derivative(expression: Expr, variable: Expr) -> Expr:
+    """The partial derivative by a variable, roots held."""
+    derivative: Expr = apply_derivatives(ufl.diff(expression, variable))
+    return derivative
+
+
+class Slopes:
+    """Derivatives of the expressions of one leaf by inputs, those through roots included."""
+
+    def __init__(self, roots: Sequence[Root]) -> None:
+        self._roots = roots
+        self._of_roots: dict[tuple[int, Expr], Expr] = {}
+
+    def of(self, expression: Expr, variable: Expr, known: int | None = None) -> Expr:
+        """The derivative by an input, of an expression of the first `known` roots."""
+        count = len(self._roots) if known is None else known
+        total = partial_derivative(expression, variable)
+        for number, root in enumerate(self._roots[:count]):
+            through = partial_derivative(expression, root.unknown)
+            if not isinstance(through, Zero):
+                total = total + through * self._of_root(number, variable)
+        return total
+
+    def _of_root(self, number: int, variable: Expr) -> Expr:
+        """The derivative of a root: its residual stays zero."""
+        key = number, variable
+        if key not in self._of_roots:
+            root = self._roots[number]
+            slope = partial_derivative(root.residual, root.unknown)
+            self._of_roots[key] = -self.of(root.residual, variable, number) / slope
+        return self._of_roots[key]
 
 
 class Symbol:
@@ -175,6 +218,9 @@ class Symbol:
 
     def expm1(self) -> Symbol:
         """e^x - 1, in the form that does not cancel."""
+        # Far below zero the product would be zero times infinity.
+        if self < -50:
+            return self.exp() - 1
         half = self.expression / 2
         return Symbol(2 * ufl.exp(half) * ufl.sinh(half))
 
@@ -207,10 +253,15 @@ class _Run:
     """One run of a law: the answers that are given to its comparisons, and the equations of it that
     have to be solved."""
 
-    def __init__(self, answers: dict[Condition, bool], input_count: int) -> None:
+    def __init__(
+        self, answers: dict[Condition, bool], input_count: int, variables: dict[Expr, Expr]
+    ) -> None:
+        """`variables` are those of all runs of a law: in each of them the same, so that conditions
+        on them are."""
         self.answers = answers
         self.roots: list[Root] = []
         self._next = input_count
+        self._variables = variables
 
     def answer(self, condition: Condition) -> bool:
         """Whether a condition holds; ends the run if that is not decided yet."""
@@ -226,7 +277,13 @@ class _Run:
     def unknown(self) -> Expr:
         """The variable of a new equation."""
         self._next += 1
-        return ufl.variable(ufl.Constant(_DOMAIN, count=self._next - 1))
+        return self.variable(ufl.Constant(_DOMAIN, count=self._next - 1))
+
+    def variable(self, expression: Expr) -> Expr:
+        """The variable of an expression by which derivatives are taken."""
+        if expression not in self._variables:
+            self._variables[expression] = ufl.variable(expression)
+        return self._variables[expression]
 
 
 # The run of a law in symbols that is under way
@@ -308,6 +365,33 @@ def _solved(residual: Callable[[Number], Number], low: Number, high: Number) -> 
     return found
 
 
+def derivative(function: Callable[[Number], Number], x: Number) -> Number:
+    """The derivative of a function of one number in a law, in symbols exact.
+
+    Of a real number it is by a complex step, of a complex one, or where a complex step loses the
+    derivative, by a difference.
+
+    Example:
+        >>> round(derivative(lambda x: x**3, 2.0), 12)
+        12.0
+    """
+    run = _run.get()
+    if run is not None and isinstance(x, Symbol):
+        variable = run.variable(x.expression)
+        output = _expression(function(Symbol(variable)))
+        return Symbol(Slopes(run.roots).of(output, variable))
+    step = RELATIVE_STEP * (abs(x) or 1.0)
+    difference = (function(x + step) - function(x - step)) / (2 * step)
+    if isinstance(x, complex):
+        return difference
+    try:
+        exact = np.imag(function(x + 1j * COMPLEX_STEP)) / COMPLEX_STEP
+    # A function that needs real numbers may fail in any way.
+    except Exception:
+        return difference
+    return exact if abs(exact - difference) <= COMPLEX_AGREEMENT * abs(difference) else difference
+
+
 def inputs_of(count: int) -> list[Expr]:
     """The inputs of a law as UFL variables."""
     return [ufl.variable(ufl.Constant(_DOMAIN, count=number)) for number in range(count)]
@@ -321,13 +405,14 @@ def trace(law: Callable[..., Any], inputs: Sequence[Expr]) -> Branch | Leaf:
     """
     symbols = [Symbol(expression) for expression in inputs]
     count = 0
+    variables: dict[Expr, Expr] = {}
 
     def follow(answers: dict[Condition, bool]) -> Branch | Leaf:
         nonlocal count
         count += 1
         if count > MAX_BRANCHES or len(answers) > MAX_COMPARISONS:
             raise NotTraceable("it has too many branches")
-        run = _Run(answers, len(inputs))
+        run = _Run(answers, len(inputs), variables)
         token = _run.set(run)
         try:
             outputs = law(*symbols)
