@@ -9,6 +9,7 @@ side that does not hold is nan, as at equal pressures on both sides of an orific
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
@@ -16,7 +17,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import basix.ufl
-import numpy as np
 import ufl
 from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.classes import Zero
@@ -37,12 +37,8 @@ MAX_BISECTIONS = 1100
 POLISHING = 3
 RELATIVE_STEP = 1e-6
 
-# Complex steps have no cancellation; its square is negligible.
-COMPLEX_STEP = 1e-30
-
-# A function may take complex numbers and lose their imaginary part, e.g. by `float`: both ways to a
-# derivative may differ by this share of the largest.
-COMPLEX_AGREEMENT = 1e-3
+# Numbers of the constants of unknowns, behind those of inputs
+FIRST_UNKNOWN = 10**6
 
 # UFL's constants belong to a mesh, of which nothing is used.  Its number is given, so that those of
 # meshes that are made later do not depend on laws.
@@ -253,15 +249,12 @@ class _Run:
     """One run of a law: the answers that are given to its comparisons, and the equations of it that
     have to be solved."""
 
-    def __init__(
-        self, answers: dict[Condition, bool], input_count: int, variables: dict[Expr, Expr]
-    ) -> None:
-        """`variables` are those of all runs of a law: in each of them the same, so that conditions
+    def __init__(self, answers: dict[Condition, bool], unknowns: list[Expr]) -> None:
+        """`unknowns` are those of all runs of a law: in each of them the same, so that conditions
         on them are."""
         self.answers = answers
         self.roots: list[Root] = []
-        self._next = input_count
-        self._variables = variables
+        self._unknowns = unknowns
 
     def answer(self, condition: Condition) -> bool:
         """Whether a condition holds; ends the run if that is not decided yet."""
@@ -275,15 +268,12 @@ class _Run:
         raise _Undecided(condition)
 
     def unknown(self) -> Expr:
-        """The variable of a new equation."""
-        self._next += 1
-        return self.variable(ufl.Constant(_DOMAIN, count=self._next - 1))
-
-    def variable(self, expression: Expr) -> Expr:
-        """The variable of an expression by which derivatives are taken."""
-        if expression not in self._variables:
-            self._variables[expression] = ufl.variable(expression)
-        return self._variables[expression]
+        """The variable of the next equation."""
+        if len(self.roots) == len(self._unknowns):
+            self._unknowns.append(
+                ufl.variable(ufl.Constant(_DOMAIN, count=FIRST_UNKNOWN + len(self.roots)))
+            )
+        return self._unknowns[len(self.roots)]
 
 
 # The run of a law in symbols that is under way
@@ -296,6 +286,8 @@ def _expression(number: Number) -> Expr:
         return number.expression
     if isinstance(number, complex):
         raise NotTraceable("it computes with complex numbers")
+    if not math.isfinite(number):
+        raise NotTraceable("a number in it is not finite")
     return ufl.as_ufl(float(number) if not isinstance(number, int) else number)
 
 
@@ -327,16 +319,21 @@ def root(residual: Callable[[Number], Number], low: Number, high: Number) -> Num
     run = _run.get()
     if run is None:
         return _solved(residual, low, high)
+    ends = (_expression(low), _expression(high))
     unknown = run.unknown()
+    run.roots.append(Root(unknown, _excess(residual, unknown), *ends))
+    return Symbol(unknown)
+
+
+def _excess(residual: Callable[[Number], Number], unknown: Expr) -> Expr:
+    """The excess of an equation for its unknown."""
     try:
-        excess = _expression(residual(Symbol(unknown)))
+        return _expression(residual(Symbol(unknown)))
     except _Undecided as undecided:
         condition = undecided.condition
         if _contains(condition.first, unknown) or _contains(condition.second, unknown):
             raise NotTraceable("an equation of it compares its unknown") from undecided
         raise
-    run.roots.append(Root(unknown, excess, _expression(low), _expression(high)))
-    return Symbol(unknown)
 
 
 def _contains(expression: Expr, part: Expr) -> bool:
@@ -365,33 +362,6 @@ def _solved(residual: Callable[[Number], Number], low: Number, high: Number) -> 
     return found
 
 
-def derivative(function: Callable[[Number], Number], x: Number) -> Number:
-    """The derivative of a function of one number in a law, in symbols exact.
-
-    Of a real number it is by a complex step, of a complex one, or where a complex step loses the
-    derivative, by a difference.
-
-    Example:
-        >>> round(derivative(lambda x: x**3, 2.0), 12)
-        12.0
-    """
-    run = _run.get()
-    if run is not None and isinstance(x, Symbol):
-        variable = run.variable(x.expression)
-        output = _expression(function(Symbol(variable)))
-        return Symbol(Slopes(run.roots).of(output, variable))
-    step = RELATIVE_STEP * (abs(x) or 1.0)
-    difference = (function(x + step) - function(x - step)) / (2 * step)
-    if isinstance(x, complex):
-        return difference
-    try:
-        exact = np.imag(function(x + 1j * COMPLEX_STEP)) / COMPLEX_STEP
-    # A function that needs real numbers may fail in any way.
-    except Exception:
-        return difference
-    return exact if abs(exact - difference) <= COMPLEX_AGREEMENT * abs(difference) else difference
-
-
 def inputs_of(count: int) -> list[Expr]:
     """The inputs of a law as UFL variables."""
     return [ufl.variable(ufl.Constant(_DOMAIN, count=number)) for number in range(count)]
@@ -405,14 +375,14 @@ def trace(law: Callable[..., Any], inputs: Sequence[Expr]) -> Branch | Leaf:
     """
     symbols = [Symbol(expression) for expression in inputs]
     count = 0
-    variables: dict[Expr, Expr] = {}
+    unknowns: list[Expr] = []
 
     def follow(answers: dict[Condition, bool]) -> Branch | Leaf:
         nonlocal count
         count += 1
         if count > MAX_BRANCHES or len(answers) > MAX_COMPARISONS:
             raise NotTraceable("it has too many branches")
-        run = _Run(answers, len(inputs), variables)
+        run = _Run(answers, unknowns)
         token = _run.set(run)
         try:
             outputs = law(*symbols)
@@ -431,6 +401,16 @@ def trace(law: Callable[..., Any], inputs: Sequence[Expr]) -> Branch | Leaf:
         return Branch(condition, holds, fails, run.roots)
 
     return follow({})
+
+
+def with_slopes(tree: Branch | Leaf, by: Sequence[Expr]) -> Branch | Leaf:
+    """A traced law with the derivatives of its first output by some inputs as further outputs."""
+    if isinstance(tree, Leaf):
+        slopes = Slopes(tree.roots)
+        further = [slopes.of(tree.outputs[0], variable) for variable in by]
+        return Leaf([*tree.outputs, *further], tree.roots)
+    holds = with_slopes(tree.holds, by)
+    return Branch(tree.condition, holds, with_slopes(tree.fails, by), tree.roots)
 
 
 def as_ufl(law: Callable[..., Any], *arguments: Expr) -> Expr:

@@ -218,7 +218,8 @@ class GasAdjoint:
         self._to_areas = []
         for passage, derivative in zip(self._passages, by_area, strict=True):
             opening = passage.opening
-            if not isinstance(opening, Discharge):
+            # A valve that is closed in the step stays so, whatever its area.
+            if not (isinstance(opening, Discharge) and passage.is_open):
                 continue
             coefficient = 1.0
             if name := _factor_of(opening):

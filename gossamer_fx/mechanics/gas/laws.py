@@ -8,7 +8,7 @@ what else its methods read becomes part of the code.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.laws.law import Law, compile_law
-from gossamer_fx.core.laws.tracing import Number, derivative
+from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.mechanics.gas.contract import CompiledWall, Gas, Opening
 from gossamer_fx.mechanics.gas.mixture import Blend
 from gossamer_fx.mechanics.gas.tables import LinearTable
@@ -143,17 +143,6 @@ class FlowLaw:
         )
         return opening.flow(gases, area, (a[0], b[0]), (a[1], b[1]))
 
-    def slopes(self, *arguments: Number) -> tuple[Number, ...]:
-        """The flow, and its derivatives by the pressures of both ends."""
-        given = list(arguments)
-
-        def varied(position: int) -> Callable[[Number], Number]:
-            return lambda p: self(*given[:position], p, *given[position + 1 :])
-
-        positions = (0, self.end_count)
-        by_pressures = [derivative(varied(position), given[position]) for position in positions]
-        return (self(*given), *by_pressures)
-
     def compile(self, by_count: int, comm: MPI.Intracomm) -> Law:
         """The flow with derivatives by the first properties of both ends.  Collective."""
         second = self.end_count
@@ -161,9 +150,11 @@ class FlowLaw:
         return compile_law(self, by=by, comm=comm, names=self._names)
 
     def compile_slopes(self, comm: MPI.Intracomm) -> Law:
-        """`slopes` with derivatives by all properties of both ends and the area.  Collective."""
+        """The flow and its derivatives by both pressures, with derivatives by all properties of
+        both ends and the area.  Collective."""
         by = [*self._ends, "area"]
-        return compile_law(self.slopes, by=by, comm=comm, names=self._names, output_count=3)
+        pressures = ("p_a", "p_b")
+        return compile_law(self, by=by, comm=comm, names=self._names, slopes_by=pressures)
 
 
 def heat_law(gas: Gas, comm: MPI.Intracomm) -> tuple[Law, list[float]]:
