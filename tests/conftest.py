@@ -99,13 +99,18 @@ class _WarningsOfUnits(logging.Handler):
             self.words.append(record.getMessage())
 
 
+# Benchmarks that others have set: shells in feet, pounds or without units, and a span of 325 m.
+SET_BY_OTHERS = {"demos.studies.shells", "demos.validation.models.heavy_span"}
+
+
 def _is_in_demos(frame: FrameType | None) -> bool:
-    """Whether a function of the folder demos has called the one of a frame, at any distance."""
+    """Whether a function of the folder demos has called the one of a frame, at any distance, and
+    none of a benchmark that others have set."""
+    callers = set()
     while frame is not None:
-        if frame.f_globals.get("__name__", "").startswith("demos."):
-            return True
+        callers.add(frame.f_globals.get("__name__", ""))
         frame = frame.f_back
-    return False
+    return any(name.startswith("demos.") for name in callers) and not callers & SET_BY_OTHERS
 
 
 _UNITS = _WarningsOfUnits()

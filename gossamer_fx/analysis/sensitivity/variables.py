@@ -28,6 +28,7 @@ from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
 from gossamer_fx.core.model.terms import MeasuresMesh, Parameter
+from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.terms.assembly import Differentiable
 from gossamer_fx.solve.system.system import System
@@ -567,7 +568,14 @@ def _has_shape(item: object) -> bool:
 
 def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) -> Variable:
     """The variable of the stress-free positions [m] of the nodes of a body; refused if a part of
-    the scene measures the stress-free shape in another way than by forms."""
+    the scene measures the stress-free shape in another way than by forms, and of a plate."""
+    # UFL takes the vertices of cells in its membrane strain for constants.
+    check(
+        not (isinstance(body, Meshed) and body.bends),
+        f"gradient: the membrane strain of the plate '{body.name}' has no derivative by its nodes, "
+        f"so that there is none by '{name}'; ask for another parameter, or make it a Membrane "
+        "where its bending does not count.",
+    )
     for compiled in system.compiled:
         if not (isinstance(compiled, Differentiable) and compiled.has_shape_derivative):
             raise InputError(
