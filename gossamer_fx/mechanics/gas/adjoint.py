@@ -254,9 +254,9 @@ class GasAdjoint:
             self._add(wall, "temperature", by_temperature[j])
         by_boundaries = (-ν @ self._of_balance["boundary"]).reshape(-1, 2)
         boundaries = self._network.balance.boundaries
-        for holder, (by_pressure, by_temperature) in zip(boundaries, by_boundaries, strict=True):
-            self._add(holder, "pressure", by_pressure)
-            self._add(holder, "temperature", by_temperature)
+        for holder, slopes in zip(boundaries, by_boundaries, strict=True):
+            self._add(holder, "pressure", slopes[0])
+            self._add(holder, "temperature", slopes[1])
 
     def _add(self, item: object, name: str, derivative: float) -> None:
         """Add a derivative of the result to the sum of a parameter."""

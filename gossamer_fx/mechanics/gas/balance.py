@@ -266,7 +266,7 @@ class Balance:
         self._comm = comm
         self._c = c_library(HEADER, comm)
         self._states = _States(contents, passages)
-        # Laws live as long as C may call them; those that are no C raise errors.
+        # Laws live as long as C may call them; those of Python raise errors.
         self._laws: list[Law] = []
         n = contents.n
         self._n = n
@@ -487,11 +487,11 @@ class Balance:
             passage.area = passage.aperture(h, t) if passage.is_open else 0.0
             self._areas[i] = passage.area if flows else 0.0
         # Apertures may set the temperature of what flows.
-        for row, end in zip(self._boundary, self._states.boundaries, strict=True):
-            row[:] = (end.pressure, end.temperature)
-        for row, path in zip(self._wall_states, self.walls, strict=True):
+        for i, end in enumerate(self._states.boundaries):
+            self._boundary[i] = (end.pressure, end.temperature)
+        for i, path in enumerate(self.walls):
             path.temperature, path.size = path.compiled.state_in(h)
-            row[:] = (path.temperature, path.size)
+            self._wall_states[i] = (path.temperature, path.size)
         self._c.lib.gas_begin(self._network.pointer)
         self._raise_errors()
         for path in self.walls:

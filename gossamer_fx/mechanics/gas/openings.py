@@ -596,7 +596,7 @@ class FilmHeat(Wall):
     def _coefficient_at(self, T: Number, outside: Number, geometry: Geometry) -> Number:
         """The coefficient [W/(m² K)] at temperatures of the gas and outside [K], one if it is a
         number, which is part of the size."""
-        given = self.coefficient
+        given: Any = self.coefficient
         if not callable(given):
             return 1.0
         if isinstance(T, Symbol):
