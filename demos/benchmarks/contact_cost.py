@@ -111,7 +111,7 @@ def contact_cost(vertices: int = 1000, part: float = 1.0, steps: int = 4) -> dic
             cpu[i] += comm.allreduce(time.process_time() - started)
             iterations[i] += run.solver.newton.all_iterations - first
         candidates = contact_set.candidates
-        gap = PairDistances.of(candidates, contact_set.x0).gap
+        gap = PairDistances.of(candidates, contact_set.accepted.x).gap
         nearest = nearest_gaps(candidates, gap, contact_set.mesh)
         touching.append((nearest < DISTANCE).mean())
     spent = [comm.allreduce(clock.total - b) for clock, b in zip(clocks, before, strict=True)]

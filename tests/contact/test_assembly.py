@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx as gx
@@ -86,7 +87,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     exact.scale(0.5 / ε)
     forces(0.0)
     # Enough points in contact, or the tangent is zero.
-    pressed = contact_set_of(run).forces.point_forces.any(axis=1)
+    pressed = contact_set_of(run).forces.on_points.any(axis=1)
     assert comm.allreduce(np.count_nonzero(pressed)) > 10
     A = numbering.matrix()
     contacts.add_tangents(A)
@@ -146,6 +147,22 @@ def test_a_sum_of_blocks_keeps_its_pattern_until_it_lacks_a_block() -> None:
     # One coupling of four is left: the others are not kept.
     narrow = sum_of(couplings((2, 1)))
     assert narrow.getInfo()["nz_used"] < wider.getInfo()["nz_used"]
+
+
+def test_strong_couplings_are_some_of_all_whichever_is_asked_for_first() -> None:
+    system = touching(MPI.COMM_SELF, "").system
+    contacts = system.active_sets[0]
+    system.begin_step(1e-4)
+    system.set_end(system.q0)
+    contacts.add_forces(system.numbering.vector())
+    A = system.numbering.matrix()
+    contacts.add_tangents(A)
+    A.assemble()
+    (strong,) = contacts.coupling_matrices(A.getDiagonal())
+    (every,) = contacts.coupling_matrices(None)
+    is_strong = dense(strong) != 0
+    assert 0 < is_strong.sum() < np.count_nonzero(dense(every))
+    assert np.array_equal(dense(strong)[is_strong], dense(every)[is_strong])
 
 
 def dense(matrix: PETSc.Mat) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import FrozenInstanceError
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -9,7 +11,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.contact_set import MAX_UPDATE
 from gossamer_fx.solve.solvers.newton import COMPLETE_TANGENT_RATIO
-from tests.contact.scenes import contact_set_of, count_intersections, film, simulate
+from tests.contact.scenes import contact_set_of, count_intersections, film, simulate, two_films
 
 
 @pytest.mark.mpi
@@ -110,3 +112,24 @@ def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words)
         values[system.numbering.owned(1)].reshape(-1, 3)[:, 2] -= (1.2 - gap) * d
     system.extend_active_set()
     assert words in system.inadmissible() and bool(words) == bool(system.inadmissible())
+
+
+def test_results_of_a_step_are_not_those_of_its_next_iterate() -> None:
+    run = simulate([gx.Contact(*two_films(MPI.COMM_SELF, height=1.2e-3), distance=1e-3)], 3e-4)
+    run.system.begin_step(1e-4)
+    step = contact_set_of(run).step
+    ends = [step.x0 + s * np.random.default_rng(1).normal(size=step.x0.shape) for s in (0, 1e-5)]
+    first, second = (step.forces(x1) for x1 in ends)
+    tangents = [step.tangent(forces, 1.0, None).blocks for forces in (first, second)]
+    assert np.abs(first.on_points).max() > 0
+    assert not np.array_equal(first.on_points, second.on_points)
+    assert not np.array_equal(*tangents)
+    # In the other order the same results come out.
+    again = [step.forces(x1) for x1 in reversed(ends)]
+    for forces, other in zip((second, first), again, strict=True):
+        assert np.array_equal(forces.on_points, other.on_points)
+        assert np.array_equal(
+            step.tangent(forces, 1.0, None).blocks, step.tangent(other, 1.0, None).blocks
+        )
+    with pytest.raises(FrozenInstanceError):
+        step.end_time = 0.0

@@ -580,3 +580,24 @@ def test_an_own_item_without_its_base_class_is_refused_and_not_left_out(item, ba
     words = f"'{item.name}' .* is not derived from it.* derive it from gossamer_fx.extend.{base}"
     with pytest.raises(gx.InputError, match=words):
         run_of(item, dt=1e-2)
+
+
+@pytest.mark.mpi
+def test_an_own_volume_without_its_base_is_refused_where_it_is_alone(comm):
+    """No network looks at it, as the scene has no gas."""
+
+    class Bag:
+        name = "bag"
+        initial_pressure = 1e5
+        initial_temperature = 300.0
+        gas = gx.IdealGas(gamma=1.4, R=287.0)
+        fixed_volume = 1e-3
+        enclosure = None
+        outside = None
+
+        def terms(self, start):
+            return ()
+
+    mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), comm=comm)
+    with pytest.raises(gx.InputError, match=r"'bag' \(Bag\) adds nothing .*extend\.Volume"):
+        gx.Simulation(gx.Scene(mass, Bag()), gx.Midpoint(dt=1e-2))

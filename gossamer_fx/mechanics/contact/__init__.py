@@ -9,13 +9,12 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
     narrow_phase/    continuous collision detection, intersections
     active_set       candidates that take part in a step, their activation distances and stiffness,
                      and what is taken over from step to step
-    potential        energy, forces and tangents of pairs: barrier or penalty
-    step_forces      forces and tangents of the active pairs of a step
+    contact_step     the step of a contact, which does not change: forces, tangents, derivatives
     friction/        Coulomb friction of the active pairs
-    assembly         blocks of the tangent
+    assembly         which blocks the pairs of a step add to the tangent, and where they go
     contact_set      one contact in a step, which calls the stages; `contact` adds what gradients
                      and outputs ask
-    contact_gradient derivatives of forces and energy, for gradients of runs and equilibria
+    contact_gradient what a gradient of a run or an equilibrium asks of a contact
     obstacles, cone  what bodies touch: of which stencils it is made, and how it is drawn
     kernels/         what is done pair by pair, in C
 

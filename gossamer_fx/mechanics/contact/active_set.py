@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.mechanics.contact.contact_step import ContactLaw
 from gossamer_fx.mechanics.contact.contract import (
     Array,
     ContactAssembly,
@@ -28,6 +29,7 @@ from gossamer_fx.mechanics.contact.contract import (
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_violations
 from gossamer_fx.mechanics.contact.pairs import (
+    ActivePairs,
     CandidatePairs,
     PairDistances,
     approach_bounds,
@@ -36,6 +38,8 @@ from gossamer_fx.mechanics.contact.pairs import (
     stencils_of,
 )
 from gossamer_fx.mechanics.terms.assembly import HistoryVariables
+
+LOG = logging.getLogger("gossamer_fx")
 
 
 def _no_numbers() -> Array:
@@ -302,7 +306,55 @@ class StepDistances:
         return is_missing
 
 
-LOG = logging.getLogger("gossamer_fx")
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Which candidates take part in a step.
+
+    Attributes:
+        start: distances of all n candidates at the start of the step.
+        v: velocities (m, 3) [m/s] of the points, from which its end was predicted.
+        active: mask (n,) of those that take part.
+        solved: distances at both ends of the step as it was last solved; None before that.
+    """
+
+    start: PairDistances
+    v: Array
+    active: MaskArray
+    solved: StepDistances | None = None
+
+    def distances_at(self, candidates: CandidatePairs, x: Array) -> PairDistances | None:
+        """Return the distances of candidates at points x (m, 3), if x is an end of the step as it
+        was solved; else None."""
+        if self.solved is None:
+            return None
+        for distances in (self.solved.start, self.solved.end):
+            if distances.candidates is candidates and np.array_equal(distances.x, x):
+                return distances
+        return None
+
+
+def activate(
+    candidates: CandidatePairs, activation_distance: Array, stiffness: Array, law: ContactLaw
+) -> ActivePairs:
+    """Return n candidates as active pairs of a stiffness k (n,) [J], with the width and offset that
+    let their energy reach up to the activation distance (n,) [m]."""
+    width = np.empty(len(candidates))
+    offset = np.empty(len(candidates))
+    is_barrier = law == ContactLaw.BARRIER
+    for stencil, rows in stencils_of(candidates.kind):
+        width[rows], offset[rows] = stencil.energy_range(
+            activation_distance[rows], candidates.radius[rows], candidates.shapes[rows], is_barrier
+        )
+    return ActivePairs(
+        kind=candidates.kind,
+        points=candidates.points,
+        shape=candidates.shape,
+        identifier=candidates.identifier,
+        stiffness=stiffness,
+        width=width,
+        offset=offset,
+    )
+
 
 # A pair with the area density σ and the closing speed v is stopped within the activation distance d
 # if its stiffness K d² per area is this multiple of σ v²; the derived stiffness is just that.

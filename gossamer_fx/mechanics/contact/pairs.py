@@ -14,7 +14,7 @@ since the C functions and NumPy work on columns.  The broad phase makes `Candida
 the active set makes `ActivePairs` with the columns of the energy.
 
 Distances.  The C functions give a number s for each pair, in which the energy is concave
-(`contact.potential`):
+(`contact.contact_step`):
 
     two surfaces       s is the squared distance of the closest points [m²], which have the
                        parameters (u, v) on the two sides
@@ -324,12 +324,12 @@ class PairRows:
         columns: dict[str, Any] = {}
         for column in fields(cast(Any, self)):
             values = getattr(self, column.name)
-            # Columns that are not computed yet stay so.
+            # A column that no kind needs is absent.
             columns[column.name] = None if values is None else values[which]
         return type(self)(**columns)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class PairTable(PairRows):
     """n pairs of this rank: what their distances need.
 
@@ -377,7 +377,7 @@ class PairTable(PairRows):
         return np.where(is_edges, self.points[:, 2], self.points[:, 1])
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class CandidatePairs(PairTable):
     """Pairs that may come near in the next steps.
 
@@ -393,7 +393,7 @@ class CandidatePairs(PairTable):
     radius: Array
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class ActivePairs(PairTable):
     """Pairs that may have energy k b(x) in a step, x = (s - offset)/width of the squared distance
     s.
@@ -403,16 +403,29 @@ class ActivePairs(PairTable):
         stiffness: k [J] (n,).
         width: change of s over which the energy falls to zero (n,), in the unit of s: [m²] or [m].
         offset: s at which x is zero (n,).
-        start: at the start of the step (n, 4): parameters u, v of the closest points, distance [m],
-            and s with rounded edges.  None: not computed yet; see
-            `potential.pair_starts`.
     """
 
     identifier: Int64Array
     stiffness: Array
     width: Array
     offset: Array
-    start: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class StepPairs(ActivePairs):
+    """Active pairs with what their energy rule needs from the start of a step; see
+    `contact_step.begin_at`.
+
+    Attributes:
+        start: parameters u, v of the closest points, distance [m], and s with rounded edges (n, 4).
+    """
+
+    start: Array
+
+    @property
+    def parameters(self) -> Array:
+        """(u, v) (n, 2) [-] of the closest points at the start."""
+        return self.start[:, :2]
 
 
 def pair_list_fields(pairs: PairTable) -> dict[str, Any]:

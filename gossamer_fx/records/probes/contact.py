@@ -112,7 +112,7 @@ class ContactForce:
         # complete.
         of_body = (contact_set.mesh.body == self._number) & contact_set.points.is_position()
         # The forces of the residual are internal ones, opposite to those on the body.
-        force = -float(contact_set.forces.point_forces[of_body, AXES[self.axis]].sum())
+        force = -float(contact_set.forces.on_points[of_body, AXES[self.axis]].sum())
         return float(run.comm.allreduce(force))
 
 

@@ -155,7 +155,7 @@ def morton_order(boxes: Array) -> Int32Array:
     return np.argsort(interleaved, kind="stable").astype(np.int32)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class OverlappingPairs(PairTable):
     """n pairs whose boxes overlap.
 
