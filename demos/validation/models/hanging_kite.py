@@ -724,8 +724,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
 def release_tips(inward: float = 49.05, case: str = "case 1") -> None:
     """Print two equilibria of a kite under the same loads, with stiffnesses of tubes that do not
     bend: without, and after its tips were pulled together by `inward` [N] each.  The equilibrium
-    under the whole pull is not stable, so that the search under half of it may end without one:
-    this is printed, too.
+    under the whole pull is not stable, and the last search, without it, may end without one: this
+    is printed, too.
 
     Command: ./gossamer python -c "from demos.validation.models import hanging_kite as k;
         k.release_tips()"
