@@ -75,6 +75,7 @@ from .mechanics.contact.pairs import BoundaryStencil as BoundaryStencil
 from .mechanics.contact.pairs import EdgeEdge as EdgeEdge
 from .mechanics.contact.pairs import PairStencil as PairStencil
 from .mechanics.contact.pairs import PointPlane as PointPlane
+from .mechanics.gas.contract import CompiledWall as CompiledWall
 from .mechanics.gas.contract import Holder as Holder
 from .mechanics.gas.contract import Opening as Opening
 from .mechanics.gas.contract import Volume as Volume

@@ -212,6 +212,9 @@ def test_remainders_are_of_second_order(comm, make, chamber, name, argument, val
 
     # Small changes, so that the same steps see the same regime of flow.
     sizes = [value * part for part in (1e-3, 2.5e-4)]
+    if name == "wall.temperature":
+        # The pressure is nearly linear in it: remainders of smaller changes are its round-off.
+        sizes = [10 * size for size in sizes]
     remainders = [remainder(δ) for δ in sizes]
     # The function is smooth: the order is 2 to within the third-order term.
     assert 1.9 < observed_order(sizes, remainders) < 2.1, (slope, remainders)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.forms.compilation import compile_expression
+from gossamer_fx.core.forms.compilation import compile_expression, constant
 from gossamer_fx.core.laws.law import compile_law
-from gossamer_fx.core.laws.tracing import as_ufl, root
+from gossamer_fx.core.laws.tracing import as_ufl, at_most, root
 
 WORLD = MPI.COMM_WORLD
 
@@ -121,7 +121,7 @@ def test_what_cannot_be_traced_names_its_derivatives() -> None:
         return (x + x.conjugate() * 0 if isinstance(x, float | complex) else x.conjugate()) ** 3
 
     def loses(x: Any) -> Any:
-        return float(getattr(x, "real", x)) ** 2 if isinstance(x, float | complex) else x.none
+        return float(x.real) ** 2
 
     for function, kind, slope in (
         (by_table, "differences", 3.0),
@@ -157,6 +157,28 @@ def test_loops_that_end_by_a_comparison_are_called_back() -> None:
     assert (value[0], slopes[0, 0]) == (0.625, pytest.approx(0.125))
 
 
+def test_a_table_of_many_points_has_no_branches() -> None:
+    """`at_most` selects; the slopes are those of the piece in which x lies, also at its end."""
+    points = np.linspace(0.0, 10.0, 101)
+
+    def table(x: Any, scale: Any) -> Any:
+        value: Any = points[-1] ** 2
+        for low, high in zip(points[-2::-1], points[:0:-1], strict=True):
+            inside = low**2 + (high + low) * (x - low)
+            value = at_most(x, high, holds=inside, fails=value)
+        return scale * at_most(x, 0.0, holds=0.0, fails=value)
+
+    law = compile_law(table, by=("x", "scale"), comm=WORLD)
+    assert law.derivatives == "compiled"
+    for x in (-1.0, 0.05, 3.123, 3.2, 9.99, 11.0):
+        value, slopes = law(x, 2.0)
+        assert value[0] == pytest.approx(table(x, 2.0), rel=1e-13)
+        piece = points[:-1] + points[1:]
+        inside = 0 < x <= 10
+        expected = 2.0 * piece[int(np.ceil(x / 0.1 - 1e-9)) - 1] if inside else 0.0
+        assert slopes[0] == pytest.approx([expected, table(x, 1.0)], rel=1e-12)
+
+
 def test_names_of_derivatives_are_checked() -> None:
     with pytest.raises(InputError, match="none of its arguments"):
         compile_law(choked, by=("pressure",), comm=WORLD)
@@ -166,7 +188,7 @@ def test_names_of_derivatives_are_checked() -> None:
 def test_a_law_in_a_form() -> None:
     interval = mesh.create_interval(WORLD, 2 * WORLD.size, [0.0, 1.0])
     x = points(1)[0]
-    arguments = [fem.Constant(interval, value) for value in x]
+    arguments = [constant(interval, value) for value in x]
     expression = compile_expression(as_ufl(choked, *arguments), np.array([[0.5]]))
     value = expression.eval(interval, np.array([0], dtype=np.int32))
     assert float(value.ravel()[0]) == pytest.approx(choked(*x), rel=1e-12)

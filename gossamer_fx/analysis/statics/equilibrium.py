@@ -25,7 +25,7 @@ from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import LOAD_PARAMETER, Account
 
-# What stays constant in the chambers, see `gas.static_processes`.
+# What stays constant in the chambers, see `gas.balance`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
 
 # External force over the largest one of earlier searches, up to which it counts as zero: after

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import ufl
-from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.classes import (
+    Conditional,
     Constant,
     Division,
     MathFunction,
@@ -24,7 +23,14 @@ from ufl.classes import (
 )
 from ufl.core.expr import Expr
 
-from gossamer_fx.core.laws.tracing import Branch, Leaf, NotTraceable, Root
+from gossamer_fx.core.laws.tracing import (
+    Branch,
+    Leaf,
+    NotTraceable,
+    Root,
+    Slopes,
+    partial_derivative,
+)
 
 # Names in C of UFL's functions, where they differ
 C_FUNCTIONS = {"ln": "log"}
@@ -90,6 +96,12 @@ def _text(expression: Expr, scope: _Scope) -> str:
         return scope.names[expression]
     if isinstance(expression, Constant):
         return _solve(scope.roots[expression], scope)
+    if isinstance(expression, Conditional):
+        # Of `tracing.at_most`, the only one that makes them
+        condition, *sides = expression.ufl_operands
+        low, high = (_text(part, scope) for part in condition.ufl_operands)
+        holds, fails = (_text(side, scope) for side in sides)
+        return scope.add(expression, f"{low} <= {high} ? {holds} : {fails}")
     parts = [_text(part, scope) for part in expression.ufl_operands]
     if isinstance(expression, Sum):
         text = " + ".join(parts)
@@ -116,7 +128,7 @@ def _solve(root: Root, scope: _Scope) -> str:
     inner = _Scope(scope, list(scope.roots.values()))
     inner.names[unknown] = name
     residual = _text(root.residual, inner)
-    slope = _text(_partial(root.residual, root.unknown), inner)
+    slope = _text(partial_derivative(root.residual, root.unknown), inner)
     scope.lines.append(
         f"double {name} = {high};\n"
         f"{{\ndouble low = {low}, high = {high}, last = INFINITY;\nint high_sign = 0;\n"
@@ -136,45 +148,12 @@ def _solve(root: Root, scope: _Scope) -> str:
     return name
 
 
-def _partial(expression: Expr, variable: Expr) -> Expr:
-    """The partial derivative by a variable, roots held."""
-    derivative: Expr = apply_derivatives(ufl.diff(expression, variable))
-    return derivative
-
-
-class _Slopes:
-    """Derivatives of the expressions of one leaf by inputs, those through roots included."""
-
-    def __init__(self, roots: Sequence[Root]) -> None:
-        self._roots = roots
-        self._of_roots: dict[tuple[int, Expr], Expr] = {}
-
-    def of(self, expression: Expr, variable: Expr, known: int | None = None) -> Expr:
-        """The derivative by an input, of an expression of the first `known` roots."""
-        count = len(self._roots) if known is None else known
-        total = _partial(expression, variable)
-        for number, root in enumerate(self._roots[:count]):
-            through = _partial(expression, root.unknown)
-            if not isinstance(through, Zero):
-                total = total + through * self._of_root(number, variable)
-        return total
-
-    def _of_root(self, number: int, variable: Expr) -> Expr:
-        """The derivative of a root: its residual stays zero."""
-        key = number, variable
-        if key not in self._of_roots:
-            root = self._roots[number]
-            slope = _partial(root.residual, root.unknown)
-            self._of_roots[key] = -self.of(root.residual, variable, number) / slope
-        return self._of_roots[key]
-
-
 def _leaf_text(leaf: Leaf, scope: _Scope, by: Sequence[Expr], orders: int) -> str:
     """Statements that set outputs and derivatives."""
     values = [f"f[{i}] = {_text(output, scope)};" for i, output in enumerate(leaf.outputs)]
     blocks = [*scope.lines, *values]
     if orders > 0:
-        slopes = _Slopes(leaf.roots)
+        slopes = Slopes(leaf.roots)
         first = [[slopes.of(output, one) for one in by] for output in leaf.outputs]
         inner = _Scope(scope, leaf.roots)
         assignments = _assignments("df", [one for row in first for one in row], inner)

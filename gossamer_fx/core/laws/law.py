@@ -46,7 +46,7 @@ from gossamer_fx.core.checks.errors import check, on_rank_zero
 from gossamer_fx.core.forms.c_source import HASH_DIGITS
 from gossamer_fx.core.forms.compilation import kernel_options, private_cache, require_compiler
 from gossamer_fx.core.laws.c_text import c_text
-from gossamer_fx.core.laws.tracing import NotTraceable, inputs_of, trace
+from gossamer_fx.core.laws.tracing import NotTraceable, inputs_of, trace, with_slopes
 
 Array = npt.NDArray[np.float64]
 
@@ -56,13 +56,13 @@ Derivatives = Literal["compiled", "complex steps", "differences"]
 # Complex steps have no cancellation; its square is negligible.
 COMPLEX_STEP = 1e-30
 
+# A function may take complex numbers and lose their imaginary part, e.g. by `float`: both ways to a
+# derivative are compared at the first call, and may differ by this share of the largest.
+COMPLEX_AGREEMENT = 1e-3
+
 # Share of a number, or its size where that is zero, by which it is varied for a difference: the
 # cube root of round-off.
 DIFFERENCE_STEP = 6e-6
-
-# A function may take complex numbers and lose their imaginary part, e.g. by `abs`: both ways to a
-# derivative are compared at the first call, and may differ by this share of the largest.
-COMPLEX_AGREEMENT = 1e-3
 
 # As of `forms.c_source`, without vectorisation, which a law has no loops for
 OPTIONS = ("-fno-math-errno", "-ffp-contract=off")
@@ -172,9 +172,11 @@ class PythonLaw(Law):
         output_count: int,
         orders: int,
         law: Callable[..., Any],
+        slopes_by: Sequence[str],
     ) -> None:
-        super().__init__(names, by, output_count, orders)
+        super().__init__(names, by, output_count + len(slopes_by), orders)
         self._law = law
+        self._slopes_by = [self.names.index(name) for name in slopes_by]
         self._columns = [self.names.index(name) for name in self.by]
         self._error: BaseException | None = None
         self._is_compared = False
@@ -214,7 +216,16 @@ class PythonLaw(Law):
     def _values(self, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Outputs (outputs,) for real or complex inputs."""
         outputs = self._law(*x.tolist())
-        several = outputs if isinstance(outputs, tuple | list) else [outputs]
+        several = list(outputs) if isinstance(outputs, tuple | list) else [outputs]
+        for position in self._slopes_by:
+            step = DIFFERENCE_STEP * (abs(x[position]) or 1.0)
+            ends = []
+            for sign in (-1, 1):
+                varied = x.copy()
+                varied[position] += sign * step
+                result = self._law(*varied.tolist())
+                ends.append(result[0] if isinstance(result, tuple | list) else result)
+            several.append((ends[1] - ends[0]) / (2 * step))
         return np.array(several)
 
     def _slopes(self, x: Array) -> Array:
@@ -269,6 +280,7 @@ def compile_law(
     comm: MPI.Intracomm,
     names: Sequence[str] = (),
     output_count: int = 1,
+    slopes_by: Sequence[str] = (),
 ) -> Law:
     """Compile a law to a C function, or find it in the cache.  Collective.
 
@@ -282,6 +294,8 @@ def compile_law(
         comm: whose ranks call this function together.
         names: of the arguments; empty for those of the function.
         output_count: how many numbers the law returns.
+        slopes_by: names of arguments; the derivatives of the first output by them become further
+            outputs of the law.
 
     Raises:
         InputError: `by` has a name that is not an argument, or there is no C compiler.
@@ -302,26 +316,29 @@ def compile_law(
         )
     inputs = inputs_of(len(found))
     columns = [found.index(name) for name in by]
+    slopes = [found.index(name) for name in slopes_by]
     try:
         tree = trace(law, inputs)
         values = c_text(tree, inputs, columns, 0)
     except NotTraceable:
-        return PythonLaw(found, by, output_count, orders, law)
+        return PythonLaw(found, by, output_count, orders, law, slopes_by)
     arguments = [*kernel_options()["cffi_extra_compile_args"], *OPTIONS]
     # The values determine the derivatives; this file and those that it uses how they are written.
-    key = "\n".join([values, repr((columns, orders)), *arguments, _own_text()])
+    key = "\n".join([values, repr((columns, orders, slopes)), *arguments, _own_text()])
     digest = hashlib.sha1(key.encode()).hexdigest()[:HASH_DIGITS]
     path = Path(kernel_options()["cache_dir"]) / f"law_{digest}.so"
 
     def build() -> None:
         private_cache()
         if not path.exists():
-            _build(c_text(tree, inputs, columns, orders), path, arguments)
+            whole = with_slopes(tree, [inputs[number] for number in slopes])
+            _build(c_text(whole, inputs, columns, orders), path, arguments)
 
     on_rank_zero(comm, build)
     if digest not in _loaded:
         _loaded[digest] = _ffi().dlopen(str(path))
-    return CompiledLaw(found, by, output_count, orders, _loaded[digest])
+    count = output_count + len(slopes_by)
+    return CompiledLaw(found, by, count, orders, _loaded[digest])
 
 
 @cache

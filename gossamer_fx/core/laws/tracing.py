@@ -9,6 +9,7 @@ side that does not hold is nan, as at equal pressures on both sides of an orific
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
@@ -17,6 +18,8 @@ from typing import Any
 
 import basix.ufl
 import ufl
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.classes import Zero
 from ufl.core.expr import Expr
 
 # A real number, a complex one for derivatives by complex steps, or a symbol
@@ -33,6 +36,9 @@ MAX_BISECTIONS = 1100
 # root; the error of a difference as slope, some 1e-9, is their factor of convergence.
 POLISHING = 3
 RELATIVE_STEP = 1e-6
+
+# Numbers of the constants of unknowns, behind those of inputs
+FIRST_UNKNOWN = 10**6
 
 # UFL's constants belong to a mesh, of which nothing is used.  Its number is given, so that those of
 # meshes that are made later do not depend on laws.
@@ -88,6 +94,39 @@ class Branch:
     holds: Branch | Leaf
     fails: Branch | Leaf
     roots: list[Root]
+
+
+def partial_derivative(expression: Expr, variable: Expr) -> Expr:
+    """The partial derivative by a variable, roots held."""
+    derivative: Expr = apply_derivatives(ufl.diff(expression, variable))
+    return derivative
+
+
+class Slopes:
+    """Derivatives of the expressions of one leaf by inputs, those through roots included."""
+
+    def __init__(self, roots: Sequence[Root]) -> None:
+        self._roots = roots
+        self._of_roots: dict[tuple[int, Expr], Expr] = {}
+
+    def of(self, expression: Expr, variable: Expr, known: int | None = None) -> Expr:
+        """The derivative by an input, of an expression of the first `known` roots."""
+        count = len(self._roots) if known is None else known
+        total = partial_derivative(expression, variable)
+        for number, root in enumerate(self._roots[:count]):
+            through = partial_derivative(expression, root.unknown)
+            if not isinstance(through, Zero):
+                total = total + through * self._of_root(number, variable)
+        return total
+
+    def _of_root(self, number: int, variable: Expr) -> Expr:
+        """The derivative of a root: its residual stays zero."""
+        key = number, variable
+        if key not in self._of_roots:
+            root = self._roots[number]
+            slope = partial_derivative(root.residual, root.unknown)
+            self._of_roots[key] = -self.of(root.residual, variable, number) / slope
+        return self._of_roots[key]
 
 
 class Symbol:
@@ -175,6 +214,9 @@ class Symbol:
 
     def expm1(self) -> Symbol:
         """e^x - 1, in the form that does not cancel."""
+        # Far below zero the product would be zero times infinity.
+        if self < -50:
+            return self.exp() - 1
         half = self.expression / 2
         return Symbol(2 * ufl.exp(half) * ufl.sinh(half))
 
@@ -207,10 +249,12 @@ class _Run:
     """One run of a law: the answers that are given to its comparisons, and the equations of it that
     have to be solved."""
 
-    def __init__(self, answers: dict[Condition, bool], input_count: int) -> None:
+    def __init__(self, answers: dict[Condition, bool], unknowns: list[Expr]) -> None:
+        """`unknowns` are those of all runs of a law: in each of them the same, so that conditions
+        on them are."""
         self.answers = answers
         self.roots: list[Root] = []
-        self._next = input_count
+        self._unknowns = unknowns
 
     def answer(self, condition: Condition) -> bool:
         """Whether a condition holds; ends the run if that is not decided yet."""
@@ -224,9 +268,12 @@ class _Run:
         raise _Undecided(condition)
 
     def unknown(self) -> Expr:
-        """The variable of a new equation."""
-        self._next += 1
-        return ufl.variable(ufl.Constant(_DOMAIN, count=self._next - 1))
+        """The variable of the next equation."""
+        if len(self.roots) == len(self._unknowns):
+            self._unknowns.append(
+                ufl.variable(ufl.Constant(_DOMAIN, count=FIRST_UNKNOWN + len(self.roots)))
+            )
+        return self._unknowns[len(self.roots)]
 
 
 # The run of a law in symbols that is under way
@@ -239,6 +286,8 @@ def _expression(number: Number) -> Expr:
         return number.expression
     if isinstance(number, complex):
         raise NotTraceable("it computes with complex numbers")
+    if not math.isfinite(number):
+        raise NotTraceable("a number in it is not finite")
     return ufl.as_ufl(float(number) if not isinstance(number, int) else number)
 
 
@@ -270,16 +319,36 @@ def root(residual: Callable[[Number], Number], low: Number, high: Number) -> Num
     run = _run.get()
     if run is None:
         return _solved(residual, low, high)
+    ends = (_expression(low), _expression(high))
     unknown = run.unknown()
+    run.roots.append(Root(unknown, _excess(residual, unknown), *ends))
+    return Symbol(unknown)
+
+
+def _excess(residual: Callable[[Number], Number], unknown: Expr) -> Expr:
+    """The excess of an equation for its unknown."""
     try:
-        excess = _expression(residual(Symbol(unknown)))
+        return _expression(residual(Symbol(unknown)))
     except _Undecided as undecided:
         condition = undecided.condition
         if _contains(condition.first, unknown) or _contains(condition.second, unknown):
             raise NotTraceable("an equation of it compares its unknown") from undecided
         raise
-    run.roots.append(Root(unknown, excess, _expression(low), _expression(high)))
-    return Symbol(unknown)
+
+
+def at_most(first: Number, second: Number, holds: Number, fails: Number) -> Number:
+    """`holds` if first ≤ second, else `fails`, for values whose derivatives are finite on both
+    sides: in symbols both are computed, and the law has no further branch.
+
+    Example:
+        >>> at_most(1.0, 2.0, holds=3.0, fails=4.0)
+        3.0
+    """
+    given = (first, second, holds, fails)
+    if not any(isinstance(number, Symbol) for number in given):
+        return holds if first.real <= second.real else fails
+    low, high, yes, no = (_expression(number) for number in given)
+    return Symbol(ufl.conditional(ufl.le(low, high), yes, no))
 
 
 def _contains(expression: Expr, part: Expr) -> bool:
@@ -321,13 +390,14 @@ def trace(law: Callable[..., Any], inputs: Sequence[Expr]) -> Branch | Leaf:
     """
     symbols = [Symbol(expression) for expression in inputs]
     count = 0
+    unknowns: list[Expr] = []
 
     def follow(answers: dict[Condition, bool]) -> Branch | Leaf:
         nonlocal count
         count += 1
         if count > MAX_BRANCHES or len(answers) > MAX_COMPARISONS:
             raise NotTraceable("it has too many branches")
-        run = _Run(answers, len(inputs))
+        run = _Run(answers, unknowns)
         token = _run.set(run)
         try:
             outputs = law(*symbols)
@@ -346,6 +416,16 @@ def trace(law: Callable[..., Any], inputs: Sequence[Expr]) -> Branch | Leaf:
         return Branch(condition, holds, fails, run.roots)
 
     return follow({})
+
+
+def with_slopes(tree: Branch | Leaf, by: Sequence[Expr]) -> Branch | Leaf:
+    """A traced law with the derivatives of its first output by some inputs as further outputs."""
+    if isinstance(tree, Leaf):
+        slopes = Slopes(tree.roots)
+        further = [slopes.of(tree.outputs[0], variable) for variable in by]
+        return Leaf([*tree.outputs, *further], tree.roots)
+    holds = with_slopes(tree.holds, by)
+    return Branch(tree.condition, holds, with_slopes(tree.fails, by), tree.roots)
 
 
 def as_ufl(law: Callable[..., Any], *arguments: Expr) -> Expr:
