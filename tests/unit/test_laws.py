@@ -14,7 +14,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.forms.compilation import compile_expression, constant
 from gossamer_fx.core.laws.law import compile_law
-from gossamer_fx.core.laws.tracing import as_ufl, root
+from gossamer_fx.core.laws.tracing import as_ufl, at_most, root
 
 WORLD = MPI.COMM_WORLD
 
@@ -155,6 +155,28 @@ def test_loops_that_end_by_a_comparison_are_called_back() -> None:
     value, slopes = compiled(5.0)
     assert compiled.derivatives != "compiled"
     assert (value[0], slopes[0, 0]) == (0.625, pytest.approx(0.125))
+
+
+def test_a_table_of_many_points_has_no_branches() -> None:
+    """`at_most` selects; the slopes are those of the piece in which x lies, also at its end."""
+    points = np.linspace(0.0, 10.0, 101)
+
+    def table(x: Any, scale: Any) -> Any:
+        value: Any = points[-1] ** 2
+        for low, high in zip(points[-2::-1], points[:0:-1], strict=True):
+            inside = low**2 + (high + low) * (x - low)
+            value = at_most(x, high, holds=inside, fails=value)
+        return scale * at_most(x, 0.0, holds=0.0, fails=value)
+
+    law = compile_law(table, by=("x", "scale"), comm=WORLD)
+    assert law.derivatives == "compiled"
+    for x in (-1.0, 0.05, 3.123, 3.2, 9.99, 11.0):
+        value, slopes = law(x, 2.0)
+        assert value[0] == pytest.approx(table(x, 2.0), rel=1e-13)
+        piece = points[:-1] + points[1:]
+        inside = 0 < x <= 10
+        expected = 2.0 * piece[int(np.ceil(x / 0.1 - 1e-9)) - 1] if inside else 0.0
+        assert slopes[0] == pytest.approx([expected, table(x, 1.0)], rel=1e-12)
 
 
 def test_names_of_derivatives_are_checked() -> None:

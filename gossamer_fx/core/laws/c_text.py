@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ufl.classes import (
+    Conditional,
     Constant,
     Division,
     MathFunction,
@@ -95,6 +96,12 @@ def _text(expression: Expr, scope: _Scope) -> str:
         return scope.names[expression]
     if isinstance(expression, Constant):
         return _solve(scope.roots[expression], scope)
+    if isinstance(expression, Conditional):
+        # Of `tracing.at_most`, the only one that makes them
+        condition, *sides = expression.ufl_operands
+        low, high = (_text(part, scope) for part in condition.ufl_operands)
+        holds, fails = (_text(side, scope) for side in sides)
+        return scope.add(expression, f"{low} <= {high} ? {holds} : {fails}")
     parts = [_text(part, scope) for part in expression.ufl_operands]
     if isinstance(expression, Sum):
         text = " + ".join(parts)

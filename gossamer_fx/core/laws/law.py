@@ -316,21 +316,23 @@ def compile_law(
         )
     inputs = inputs_of(len(found))
     columns = [found.index(name) for name in by]
+    slopes = [found.index(name) for name in slopes_by]
     try:
-        tree = with_slopes(trace(law, inputs), [inputs[found.index(name)] for name in slopes_by])
+        tree = trace(law, inputs)
         values = c_text(tree, inputs, columns, 0)
     except NotTraceable:
         return PythonLaw(found, by, output_count, orders, law, slopes_by)
     arguments = [*kernel_options()["cffi_extra_compile_args"], *OPTIONS]
     # The values determine the derivatives; this file and those that it uses how they are written.
-    key = "\n".join([values, repr((columns, orders)), *arguments, _own_text()])
+    key = "\n".join([values, repr((columns, orders, slopes)), *arguments, _own_text()])
     digest = hashlib.sha1(key.encode()).hexdigest()[:HASH_DIGITS]
     path = Path(kernel_options()["cache_dir"]) / f"law_{digest}.so"
 
     def build() -> None:
         private_cache()
         if not path.exists():
-            _build(c_text(tree, inputs, columns, orders), path, arguments)
+            whole = with_slopes(tree, [inputs[number] for number in slopes])
+            _build(c_text(whole, inputs, columns, orders), path, arguments)
 
     on_rank_zero(comm, build)
     if digest not in _loaded:

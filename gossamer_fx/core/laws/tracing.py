@@ -336,6 +336,21 @@ def _excess(residual: Callable[[Number], Number], unknown: Expr) -> Expr:
         raise
 
 
+def at_most(first: Number, second: Number, holds: Number, fails: Number) -> Number:
+    """`holds` if first ≤ second, else `fails`, for values whose derivatives are finite on both
+    sides: in symbols both are computed, and the law has no further branch.
+
+    Example:
+        >>> at_most(1.0, 2.0, holds=3.0, fails=4.0)
+        3.0
+    """
+    given = (first, second, holds, fails)
+    if not any(isinstance(number, Symbol) for number in given):
+        return holds if first.real <= second.real else fails
+    low, high, yes, no = (_expression(number) for number in given)
+    return Symbol(ufl.conditional(ufl.le(low, high), yes, no))
+
+
 def _contains(expression: Expr, part: Expr) -> bool:
     """Whether a part occurs in an expression."""
     return any(one == part for one in ufl.corealg.traversal.unique_pre_traversal(expression))

@@ -408,7 +408,11 @@ def friction_parameter(gamma: Number, M: Number) -> Number:
     >>> round(friction_parameter(1.4, 0.2), 3)
     14.533
     """
-    square = M * M
+    return _friction_of_square(gamma, M * M)
+
+
+def _friction_of_square(gamma: Number, square: Number) -> Number:
+    """`friction_parameter` of the square of a Mach number."""
     ratio = (gamma + 1) * square / (2 + (gamma - 1) * square)
     return (1 - square) / (gamma * square) + (gamma + 1) / (2 * gamma) * np.log(ratio)
 
@@ -472,37 +476,36 @@ class Pipe(PassiveOpening):
         """M1 (1 + (γ - 1)/2 M1²)^(-(γ + 1)/(2 (γ - 1))) of (2), at the ratio x of the pressure
         downstream to that upstream."""
         resistance = self.friction * self.length / self.diameter
-        M1 = root(lambda M: friction_parameter(γ, M) - resistance, 0.0, 1.0)
+        # F is convex and nearly linear in 1/M², and at least resistance at this end.
+        most = 1 + 2 * γ * resistance + 2 * (γ + 1)
+        square = 1 / root(lambda z: _friction_of_square(γ, 1 / z) - resistance, 1.0, most)
         # The end is choked if its pressure at M2 = 1 is above that downstream.
-        if x > _end_pressure_ratio(γ, M1):
-            M1 = root(
-                lambda M: (
-                    friction_parameter(γ, M)
-                    - friction_parameter(γ, _end_mach_number(γ, x, M))
-                    - resistance
-                ),
-                0.0,
-                M1,
-            )
-        total = 1 + (γ - 1) / 2 * M1 * M1
-        return M1 * total ** (-(γ + 1) / (2 * (γ - 1)))
+        if x > _end_pressure_ratio(γ, square):
+
+            def excess(s: Number) -> Number:
+                # Times M1², as this is nearly linear in it
+                friction = _friction_of_square(γ, s) - _friction_of_square(γ, _end_square(γ, x, s))
+                return s * (friction - resistance)
+
+            square = root(excess, 0.0, square)
+        return square**0.5 * (1 + (γ - 1) / 2 * square) ** (-(γ + 1) / (2 * (γ - 1)))
 
 
-def _end_pressure_ratio(γ: Number, M1: Number) -> Number:
-    """p_end/p_up of a `Pipe` that is choked at its end, for the Mach number M1 behind its inlet."""
-    first = 2 + (γ - 1) * M1 * M1
-    return (first / 2) ** (-γ / (γ - 1)) * M1 * (first / (γ + 1)) ** 0.5
+def _end_pressure_ratio(γ: Number, square: Number) -> Number:
+    """p_end/p_up of a `Pipe` that is choked at its end, for M1² behind its inlet."""
+    first = 2 + (γ - 1) * square
+    return (first / 2) ** (-γ / (γ - 1)) * (square * first / (γ + 1)) ** 0.5
 
 
-def _end_mach_number(γ: Number, x: Number, M1: Number) -> Number:
-    """M2 at the end of a `Pipe` at which its pressure is x p_up, for M1 behind its inlet:
+def _end_square(γ: Number, x: Number, square: Number) -> Number:
+    """M2² at the end of a `Pipe` at which its pressure is x p_up, for M1² behind its inlet:
 
     p_end/p_up = (1 + (γ - 1)/2 M1²)^(-γ/(γ - 1)) M1/M2 √((2 + (γ - 1) M1²)/(2 + (γ - 1) M2²))
     """
-    first = 2 + (γ - 1) * M1 * M1
+    first = 2 + (γ - 1) * square
     # M2² (2 + (γ - 1) M2²), solved for M2² in the form that does not cancel
-    square = (M1 / x) ** 2 * first * (first / 2) ** (-2 * γ / (γ - 1))
-    return (square / (1 + (1 + (γ - 1) * square) ** 0.5)) ** 0.5
+    product = square / x**2 * first * (first / 2) ** (-2 * γ / (γ - 1))
+    return product / (1 + (1 + (γ - 1) * product) ** 0.5)
 
 
 @check_arguments

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.laws.tracing import Number
+from gossamer_fx.core.laws.tracing import Number, at_most
 
 
 @check_arguments
@@ -35,9 +35,9 @@ class LinearTable:
 
     def __call__(self, x: Number) -> Number:
         """The value at x, a real or complex number or a symbol."""
-        if x.real <= self.points[0][0]:
-            return self.points[0][1]
-        for (low, first), (high, last) in pairwise(self.points):
-            if x.real <= high:
-                return first + (last - first) / (high - low) * (x - low)
-        return self.points[-1][1]
+        value: Number = self.points[-1][1]
+        for (low, first), (high, last) in reversed(list(pairwise(self.points))):
+            inside = first + (last - first) / (high - low) * (x - low)
+            value = at_most(x, high, holds=inside, fails=value)
+        least, first = self.points[0]
+        return at_most(x, least, holds=first, fails=value)

@@ -30,8 +30,6 @@ static ptrdiff_t state_size(const gas_network *net)
     return 4 + 3 * g + (2 * g + 5) * (4 + g);
 }
 
-static ptrdiff_t mass_end(const gas_network *net) { return net->state_first[net->chamber_count]; }
-
 /* Where groups of columns of derivatives begin */
 typedef struct {
     ptrdiff_t V1, p0, m0, V0, theta, walls, boundary, area, wall_state, W, all;
@@ -1092,7 +1090,11 @@ int gas_solve(const gas_network *net, double *y, const double *V, const double *
     gas_residual(net, y, V, W, error);
     for (ptrdiff_t k = 0; k < n; ++k) scale[k] += *net->h * fabs(energy[k]);
     for (ptrdiff_t row = 0; row < s; ++row) scale[n + row] += *net->h * fabs(mass[row]);
-    double square = scaled_residual(net, y, V, W, scale, error);
+    double square = 0;
+    for (ptrdiff_t i = 0; i < size; ++i) {
+        error[i] /= scale[i];
+        square += error[i] * error[i];
+    }
     for (ptrdiff_t iteration = 0; iteration < net->max_iterations; ++iteration) {
         if (all_within(error, size, net->tolerance)) return 1;
         gas_derivatives(net, y, V, W, 0, matrix);
