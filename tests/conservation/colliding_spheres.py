@@ -47,33 +47,31 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
         like = half_distance_squared(*self._ports[:2])
         places = [(self._ports[i], self._ports[j]) for i, j in sorted(pairs)]
         at = PointMeasures(
-            self._system.unknowns.numbering,
-            self._system.unknowns.bodies,
+            self._system.numbering,
+            self._system.bodies,
             [PointMeasure(places, like.H, like.L, like.c)],
         )
         density = LengthSpring(self.spheres.stiffness, 2 * self.spheres.radius, side=-1)
         self.pairs = pairs
-        self._stencil = Stencil(at, density, False, self._system.unknowns.rule)
-        self._gather = Gather(self._system.unknowns.numbering, [at.indices])
+        self._stencil = Stencil(at, density, False, self._system.rule)
+        self._gather = Gather(self._system.numbering, [at.indices])
         self.commit()
 
     def _within(self, x: Array, reach: float) -> Pairs:
         return frozenset(cKDTree(x).query_pairs(reach))
 
     def update_active_set(self) -> None:
-        v = self._system.unknowns.state.rates(self._ports)
+        v = self._system.state.rates(self._ports)
         reach = 2 * (
             self.spheres.radius
-            + self.spheres.foresight * self._system.unknowns.h * np.linalg.norm(v, axis=1).max()
+            + self.spheres.foresight * self._system.h * np.linalg.norm(v, axis=1).max()
             # Each sphere may move by h |v|, `foresight` times, and two of them may approach.
         )
-        self._take(self._within(self._system.unknowns.state.vectors(self._ports), reach))
+        self._take(self._within(self._system.state.vectors(self._ports), reach))
         self.found = max(self.found, len(self.pairs))
 
     def extend_active_set(self) -> bool:
-        touching = self._within(
-            self._system.unknowns.end.vectors(self._ports), 2 * self.spheres.radius
-        )
+        touching = self._within(self._system.end.vectors(self._ports), 2 * self.spheres.radius)
         missed = touching - self.pairs
         if missed:
             self._take(self.pairs | missed)
@@ -82,24 +80,22 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
 
     def inadmissible(self) -> str:
         # Centres nearer than a tenth of the contact distance: the next step would let them pass.
-        closest = self._within(
-            self._system.unknowns.end.vectors(self._ports), 0.2 * self.spheres.radius
-        )
+        closest = self._within(self._system.end.vectors(self._ports), 0.2 * self.spheres.radius)
         return f"{len(closest)} spheres passed through each other" if closest else ""
 
     def commit(self) -> None:
-        [q] = self._gather(self._system.unknowns.q0)
+        [q] = self._gather(self._system.q0)
         self._stencil.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        [q] = self._gather(self._system.unknowns.q1)
+        [q] = self._gather(self._system.q1)
         rows = self._stencil.at.indices.ravel()
         r.setValues(rows, self._stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
-        [q] = self._gather(self._system.unknowns.q1)
-        C = self._system.unknowns.numbering.matrix()
+        [q] = self._gather(self._system.q1)
+        C = self._system.numbering.matrix()
         add_blocks(C, self._stencil.at.indices, self._stencil.at.indices, self._stencil.tangent(q))
         C.assemble()
         return [C]
