@@ -9,6 +9,11 @@ The public names are listed in `__init__.pyi`: core names, e.g. `gx.Scene`, and 
 
 import sys
 
+# The current folder, which `python3 -m gossamer_fx` puts first: its files must not stand for numpy
+# and the like.  Python finds a package while the name of the program still is -m.
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
+    del sys.path[0]
+
 from gossamer_fx.core.checks.door import Door
 from gossamer_fx.core.checks.ending import watch_uncaught_errors
 from gossamer_fx.core.checks.lazy_names import NamespaceFinder, lazy_names

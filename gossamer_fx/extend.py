@@ -33,7 +33,7 @@ Own kinds of terms
     `PointMeasures`, `Gather`, `add_blocks`, `attach_all`
 Gas
     the bases of items: `Holder` of boundaries, `Volume`, `Opening`, `Wall`, `Enclosure`;
-    `CompiledEnclosure`
+    `CompiledEnclosure`, `CompiledWall`
 Steppers
     `Stepper`, `StepSolver`, `StressRule`
 Runs

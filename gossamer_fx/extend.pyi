@@ -71,10 +71,11 @@ from .mechanics.contact.obstacles import DrawnSurface as DrawnSurface
 from .mechanics.contact.obstacles import Obstacle as Obstacle
 from .mechanics.contact.obstacles import ObstacleBoundary as ObstacleBoundary
 from .mechanics.contact.obstacles import ObstacleSolid as ObstacleSolid
-from .mechanics.contact.stencils import BoundaryStencil as BoundaryStencil
-from .mechanics.contact.stencils import EdgeEdge as EdgeEdge
-from .mechanics.contact.stencils import PairStencil as PairStencil
-from .mechanics.contact.stencils import PointPlane as PointPlane
+from .mechanics.contact.pairs import BoundaryStencil as BoundaryStencil
+from .mechanics.contact.pairs import EdgeEdge as EdgeEdge
+from .mechanics.contact.pairs import PairStencil as PairStencil
+from .mechanics.contact.pairs import PointPlane as PointPlane
+from .mechanics.gas.contract import CompiledWall as CompiledWall
 from .mechanics.gas.contract import Holder as Holder
 from .mechanics.gas.contract import Opening as Opening
 from .mechanics.gas.contract import Volume as Volume
@@ -122,7 +123,9 @@ from .records.fields.fields import FieldFunctions as FieldFunctions
 from .records.fields.film_states import AreaFractions as AreaFractions
 from .records.outputs.output import Output as Output
 from .records.outputs.output import Probe as Probe
+from .solve.solvers.newton import Newton as Newton
 from .solve.steppers.stepping import Stepper as Stepper
 from .solve.steppers.stepping import StepSolver as StepSolver
+from .solve.system.system import System as System
 from .solve.system.totals import relative_drift as relative_drift
 from .solve.view import StateView as StateView

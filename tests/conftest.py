@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import itertools
+import logging
 import os
 import pickle
 import signal
@@ -20,6 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import hypothesis
@@ -29,6 +31,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.mesh import mesh
 from gossamer_fx.core.mesh.gmsh_reader import RawMesh
+from gossamer_fx.solve.scene import validation
 
 PATIENCE = 60.0  # s that a failed rank waits for the others
 TALK = (
@@ -81,6 +84,57 @@ def _collected_together() -> Iterator[None]:
     yield
     if next(_TESTS) % 20 == 0:
         gc.collect()
+
+
+class _WarningsOfUnits(logging.Handler):
+    """Collects the warnings that a number is probably in another unit, of scenes that a program of
+    the folder demos runs."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.words: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if "is unusual" in record.getMessage() and _is_in_demos(sys._getframe()):
+            self.words.append(record.getMessage())
+
+
+# Benchmarks that others have set: shells in feet, pounds or without units, and a span of 325 m.
+SET_BY_OTHERS = {"demos.studies.shells", "demos.validation.models.heavy_span"}
+
+
+def _is_in_demos(frame: FrameType | None) -> bool:
+    """Whether a function of the folder demos has called the one of a frame, at any distance, and
+    none of a benchmark that others have set."""
+    callers = set()
+    while frame is not None:
+        callers.add(frame.f_globals.get("__name__", ""))
+        frame = frame.f_back
+    return any(name.startswith("demos.") for name in callers) and not callers & SET_BY_OTHERS
+
+
+_UNITS = _WarningsOfUnits()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _listen_for_units() -> Iterator[None]:
+    """Listen from the first fixture on: some of them run demos."""
+    logger = logging.getLogger("gossamer_fx")
+    logger.addHandler(_UNITS)
+    yield
+    logger.removeHandler(_UNITS)
+
+
+@pytest.fixture(autouse=True)
+def _no_warning_of_units_in_demos() -> Iterator[None]:
+    """Fail a test in which a demo, a study or a validation gets a warning of a unit: their numbers
+    are ordinary ones."""
+    # A warning is printed once in a process.
+    validation._printed.clear()
+    yield
+    words = list(_UNITS.words)
+    _UNITS.words.clear()
+    assert words == [], "an ordinary scene gets warnings of units"
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -18,7 +18,7 @@ from stopwatch import Timed
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.candidates import nearest_gaps
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.mechanics.contact.pairs import PairDistances
 from gossamer_fx.meshes.sheet import sheet
 
 # m, m, s
@@ -74,7 +74,7 @@ def thrown(X: np.ndarray, speed: float) -> np.ndarray:
 
 
 def contact_set_of(run: gx.Simulation) -> ContactSet:
-    (contact_set,) = (c for c in run.system.compiled if isinstance(c, ContactSet))
+    (contact_set,) = (c for c in run.system.equations.compiled if isinstance(c, ContactSet))
     return contact_set
 
 
@@ -111,7 +111,7 @@ def contact_cost(vertices: int = 1000, part: float = 1.0, steps: int = 4) -> dic
             cpu[i] += comm.allreduce(time.process_time() - started)
             iterations[i] += run.solver.newton.all_iterations - first
         candidates = contact_set.candidates
-        gap = PairDistances.of(candidates, contact_set.x0).gap
+        gap = PairDistances.of(candidates, contact_set.accepted.x).gap
         nearest = nearest_gaps(candidates, gap, contact_set.mesh)
         touching.append((nearest < DISTANCE).mean())
     spent = [comm.allreduce(clock.total - b) for clock, b in zip(clocks, before, strict=True)]

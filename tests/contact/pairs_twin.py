@@ -1,4 +1,4 @@
-"""The equations of contact pairs in NumPy, one pair at a time, as `contact.potential` states them.
+"""The equations of contact pairs in NumPy, one at a time, as `contact.contact_step` states them.
 
 It is slow and easy to read: the C kernel has to agree with it.
 """
@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs
-from gossamer_fx.mechanics.contact.potential import ROUNDING, ContactLaw
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.contact_step import ROUNDING, ContactLaw
+from gossamer_fx.mechanics.contact.pairs import (
+    ActivePairs,
     EdgeEdge,
     PointInCylinder,
     PointInSphere,

@@ -6,14 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gossamer_fx.mechanics.contact.contact_step import ContactLaw, PairStep, begin_at
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.pairs import (
+    ActivePairs,
     EdgeEdge,
+    PairTable,
     PointInCylinder,
     PointInSphere,
     PointPlane,
     PointTriangle,
+    closest_points,
 )
 
 # The kinds of which there are random pairs here; those of cones are in test_cone.py.
@@ -63,6 +66,11 @@ def near_pairs(
         offset=np.full(n, offset),
     )
     return pairs, x.reshape(-1, 3), y.reshape(-1, 3)
+
+
+def step_of(pairs: ActivePairs, x0: np.ndarray, law: ContactLaw, alpha: float = 0.5) -> PairStep:
+    """Return pairs in a step that starts at points x0."""
+    return PairStep(begin_at(pairs, x0, *closest_points(pairs, x0)), x0, law, alpha)
 
 
 def _place_above_triangle(x: np.ndarray, d: float, rng: np.random.Generator) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx as gx
@@ -61,19 +62,19 @@ def touching(comm, body: str) -> gx.Simulation:
 def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     run = touching(comm, body)
     system = run.system
-    numbering = system.numbering
-    contacts = system.active_sets[0]
-    held = system.supports.held
-    system.begin_step(1e-4)
+    numbering = system.unknowns.numbering
+    contacts = system.equations.active_sets[0]
+    held = system.unknowns.supports.held
+    system.equations.begin_step(1e-4)
     q, z, end = (numbering.vector() for _ in range(3))
-    q.waxpy(1e-4, system.v0, system.q0)
+    q.waxpy(1e-4, system.unknowns.v0, system.unknowns.q0)
     z.array[:] = np.random.default_rng(comm.rank).normal(size=numbering.size_local)
     # Fixed degrees of freedom do not move.
     z.array[held] = 0
 
     def forces(step: float):
         end.waxpy(step, z, q)
-        system.set_end(end)
+        system.equations.set_end(end)
         r = numbering.vector()
         contacts.add_forces(r)
         r.array[held] = 0
@@ -86,12 +87,12 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     exact.scale(0.5 / ε)
     forces(0.0)
     # Enough points in contact, or the tangent is zero.
-    pressed = contact_set_of(run).forces.point_forces.any(axis=1)
+    pressed = contact_set_of(run).forces.on_points.any(axis=1)
     assert comm.allreduce(np.count_nonzero(pressed)) > 10
     A = numbering.matrix()
     contacts.add_tangents(A)
     A.assemble()
-    system.supports.clear(A, 0.0)
+    system.unknowns.supports.clear(A, 0.0)
     tangent = Tangent(A, [contacts])
     tangent.fetch_couplings()
     of_sum, of_whole, of_factorised, of_strong = (numbering.vector() for _ in range(4))
@@ -148,6 +149,22 @@ def test_a_sum_of_blocks_keeps_its_pattern_until_it_lacks_a_block() -> None:
     assert narrow.getInfo()["nz_used"] < wider.getInfo()["nz_used"]
 
 
+def test_strong_couplings_are_some_of_all_whichever_is_asked_for_first() -> None:
+    system = touching(MPI.COMM_SELF, "").system
+    contacts = system.equations.active_sets[0]
+    system.equations.begin_step(1e-4)
+    system.equations.set_end(system.unknowns.q0)
+    contacts.add_forces(system.unknowns.numbering.vector())
+    A = system.unknowns.numbering.matrix()
+    contacts.add_tangents(A)
+    A.assemble()
+    (strong,) = contacts.coupling_matrices(A.getDiagonal())
+    (every,) = contacts.coupling_matrices(None)
+    is_strong = dense(strong) != 0
+    assert 0 < is_strong.sum() < np.count_nonzero(dense(every))
+    assert np.array_equal(dense(strong)[is_strong], dense(every)[is_strong])
+
+
 def dense(matrix: PETSc.Mat) -> np.ndarray:
     return matrix.convert("dense", PETSc.Mat()).getDenseArray().copy()
 
@@ -155,7 +172,7 @@ def dense(matrix: PETSc.Mat) -> np.ndarray:
 @pytest.mark.mpi
 def test_the_matrix_of_the_films_keeps_its_pattern(comm) -> None:
     run = touching(comm, "")
-    entries = run.system.A.getInfo()["nz_used"]
+    entries = run.system.matrices.A.getInfo()["nz_used"]
     run.run(until=1.2e-3)
-    assert run.system.A.getInfo()["nz_used"] == entries
-    assert run.system.M.getInfo()["nz_used"] == entries
+    assert run.system.matrices.A.getInfo()["nz_used"] == entries
+    assert run.system.unknowns.M.getInfo()["nz_used"] == entries

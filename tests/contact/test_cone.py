@@ -11,18 +11,17 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.cone import EdgeCone, PointInCone
-from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_collisions
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable
-from gossamer_fx.mechanics.contact.potential import (
+from gossamer_fx.mechanics.contact.contact_step import (
     ContactLaw,
     PairState,
+    PairStep,
     energy_of_pairs,
-    evaluate,
     unit_energies,
 )
-from gossamer_fx.mechanics.contact.stencils import STENCILS
+from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_collisions
+from gossamer_fx.mechanics.contact.pairs import STENCILS, ActivePairs, PairTable, closest_points
 from gossamer_fx.meshes.line import line
+from tests.contact.random_pairs import step_of
 from tests.contact.scenes import count_intersections, film, simulate
 
 KINDS = (EdgeCone.number, PointInCone.number)
@@ -148,11 +147,11 @@ def test_derivatives_of_the_distance_agree_with_differences(kind: int) -> None:
 @pytest.mark.parametrize("law", list(ContactLaw), ids=lambda law: law.name)
 def test_forces_and_tangents_of_a_state_agree_with_differences(kind: int, law: ContactLaw) -> None:
     pairs, x = active_pairs(kind)
-    response = evaluate(pairs, flat(x), flat(x), law, 1.0, by_pair=True, tangents_by_pair=True)
-    touches = response.state == PairState.TOUCHES
+    state, of_points, tangents = step_of(pairs, flat(x), law, 1.0).forces_and_tangents(flat(x))
+    touches = state == PairState.TOUCHES
     assert touches.sum() > 150
-    tangents = response.tangents.reshape(-1, 12, 12)[touches]
-    forces = response.forces[touches]
+    tangents = tangents.reshape(-1, 12, 12)[touches]
+    forces = of_points.reshape(-1, 12)[touches]
     h = 1e-6
     for k in range(12):
         step = np.zeros(12)
@@ -160,7 +159,11 @@ def test_forces_and_tangents_of_a_state_agree_with_differences(kind: int, law: C
         ends = [flat(x + sign * step.reshape(4, 3)) for sign in (1, -1)]
         scaled = [energy_of_pairs(pairs, end, law)[1] for end in ends]
         energies = [unit_energies(pairs, one, law)[touches] for one in scaled]
-        both = [evaluate(pairs, end, end, law, 1.0, by_pair=True).forces[touches] for end in ends]
+        states = [PairStep.of_state(pairs, end, law) for end in ends]
+        both = [
+            state.forces(end)[1].reshape(-1, 12)[touches]
+            for state, end in zip(states, ends, strict=True)
+        ]
         size = np.abs(forces).max(axis=1)
         error = np.abs((energies[0] - energies[1]) / (2 * h) - forces[:, k])
         assert (error < 1e-6 * (1 + size)).all()
@@ -178,13 +181,13 @@ def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
     if kind == PointInCone.number:
         moves[:, 2:] = 0
     x1 = x0 + moves
-    response = evaluate(pairs, flat(x0), flat(x1), law, 0.5, by_pair=True)
-    touching = np.flatnonzero(response.state == PairState.TOUCHES)
+    state, forces = step_of(pairs, flat(x0), law).forces(flat(x1))
+    touching = np.flatnonzero(state == PairState.TOUCHES)
     assert len(touching) > 150
     for i in touching:
         one = pairs.rows(np.array([i]))
         before, after = (energy_of_pairs(one, flat(x), law)[0] for x in (x0, x1))
-        work = response.forces[i] @ moves[i].ravel()
+        work = np.sum(forces[i] * moves[i])
         # The discrete gradient is exact; relative round-off of differences of energies.
         assert work == pytest.approx(after - before, rel=1e-9, abs=1e-12 * (1 + before))
 
@@ -208,9 +211,9 @@ def test_forces_do_not_depend_on_the_unit_of_length(kind: int) -> None:
         ends = [unit * x0, unit * x1]
         for end, x in zip(ends, (x0, x1), strict=True):
             end[:, directions] = x[:, directions]
-        response = evaluate(scaled, *map(flat, ends), ContactLaw.PENALTY, 0.5, by_pair=True)
-        assert np.count_nonzero(response.state == PairState.TOUCHES) > 150
-        forces = np.asarray(response.forces).reshape(-1, 4, 3) * unit
+        state, forces = step_of(scaled, flat(ends[0]), ContactLaw.PENALTY).forces(flat(ends[1]))
+        assert np.count_nonzero(state == PairState.TOUCHES) > 150
+        forces = forces * unit
         forces[:, directions] /= unit
         return forces
 
@@ -352,7 +355,7 @@ def test_nothing_passes_through_in_long_steps(dt: float) -> None:
     run = simulate([contact], 4e-3, dt=dt)
     assert gx.probes.ContactGap(contact)(run) > 0
     # The ends have gone past the needle, the middle has not.
-    y = run.system.state[rope].positions()[:, 1]
+    y = run.system.unknowns.state[rope].positions()[:, 1]
     assert y.min() < -0.02
     assert y.max() > 0.002
     assert abs(run.energy_error) < 1e-8

@@ -6,20 +6,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs
-from gossamer_fx.mechanics.contact.potential import (
+from gossamer_fx.mechanics.contact.assembly import PairBlocks
+from gossamer_fx.mechanics.contact.contact_step import (
     ContactLaw,
-    PairEvaluation,
     PairState,
     energy_of_pairs,
-    evaluate,
-    pair_starts,
     unit_energies,
 )
-from gossamer_fx.mechanics.contact.stencils import STENCILS, EdgeEdge, PointTriangle
+from gossamer_fx.mechanics.contact.pairs import (
+    STENCILS,
+    ActivePairs,
+    EdgeEdge,
+    PointTriangle,
+    closest_points,
+)
 from tests.contact.pairs_twin import PairTwin
-from tests.contact.random_pairs import KINDS, derivative_by_differences, near_pairs
+from tests.contact.random_pairs import KINDS, derivative_by_differences, near_pairs, step_of
 
 BARRIER = ContactLaw.BARRIER
 EDGE_EDGE = EdgeEdge.number
@@ -33,14 +35,14 @@ of_surfaces = pytest.mark.parametrize("kind", [POINT_TRIANGLE, EDGE_EDGE])
 @every_law
 def test_the_kernel_agrees_with_its_twin(kind: int, law: ContactLaw) -> None:
     pairs, x0, x1 = near_pairs(kind, 200)
-    response = evaluate(pairs, x0, x1, law, 0.5, by_pair=True)
-    touching = np.flatnonzero(response.state == PairState.TOUCHES)
+    state, forces = step_of(pairs, x0, law).forces(x1)
+    touching = np.flatnonzero(state == PairState.TOUCHES)
     # At least a quarter of the pairs touch.
     assert len(touching) > 50
     for i in touching:
         twin = PairTwin(pairs, i, x0, law)
         expected = twin.force(x0, x1)
-        found = response.forces[i].reshape(4, 3)
+        found = forces[i]
         # The twin computes from squared lengths and loses digits that the kernel keeps.
         assert np.allclose(found, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
         one = pairs.rows(np.array([i]))
@@ -62,13 +64,13 @@ def test_stiffness_times_unit_energies_adds_up_to_the_energy(kind: int, law: Con
 @every_law
 def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
     pairs, x0, x1 = near_pairs(kind, 500, seed=1)
-    response = evaluate(pairs, x0, x1, law, 0.5, by_pair=True)
-    assert set(np.unique(response.state)) >= {PairState.NO_CONTACT, PairState.TOUCHES}
-    for i in np.flatnonzero(response.state == PairState.TOUCHES):
+    state, forces = step_of(pairs, x0, law).forces(x1)
+    assert set(np.unique(state)) >= {PairState.NO_CONTACT, PairState.TOUCHES}
+    for i in np.flatnonzero(state == PairState.TOUCHES):
         one = pairs.rows(np.array([i]))
         points = pairs.points[i]
         change = energy_of_pairs(one, x1, law)[0] - energy_of_pairs(one, x0, law)[0]
-        work = response.forces[i] @ (x1[points] - x0[points]).ravel()
+        work = np.sum(forces[i] * (x1[points] - x0[points]))
         # The discrete gradient is exact; relative round-off of differences of energies.
         assert work == pytest.approx(change, rel=1e-10, abs=1e-13)
 
@@ -76,9 +78,8 @@ def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
 @of_surfaces
 def test_forces_have_no_resultant_and_no_moment(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, 500, seed=2)
-    response = evaluate(pairs, x0, x1, BARRIER, 0.5, by_pair=True)
-    touches = (response.state == PairState.TOUCHES)[:, None]
-    forces = np.where(touches, response.forces, 0).reshape(-1, 4, 3)
+    state, forces = step_of(pairs, x0, BARRIER).forces(x1)
+    forces = np.where((state == PairState.TOUCHES)[:, None, None], forces, 0)
     size = np.abs(forces).max(axis=(1, 2))
     middle = ((x0 + x1) / 2).reshape(-1, 4, 3)
     # Sums of four forces: round-off.
@@ -91,15 +92,14 @@ def test_forces_have_no_resultant_and_no_moment(kind: int) -> None:
 @pytest.mark.parametrize("alpha", [0.5, 1.0])
 def test_the_tangent_is_the_derivative(kind: int, law: ContactLaw, alpha: float) -> None:
     pairs, x0, x1 = near_pairs(kind, 60, seed=3)
-    response = evaluate(pairs, x0, x1, law, alpha, by_pair=True, tangents_by_pair=True)
-    K = response.tangents.reshape(-1, 12, 12)
+    step = step_of(pairs, x0, law, alpha)
+    state, _, tangents = step.forces_and_tangents(x1)
+    K = tangents.reshape(-1, 12, 12)
     # Cube root of the machine epsilon would be 6e-6; the curvature of the barrier asks for less.
-    numeric = derivative_by_differences(
-        lambda x: evaluate(pairs, x0, x, law, alpha, by_pair=True).forces, x1, 1e-6
-    )
+    numeric = derivative_by_differences(lambda x: step.forces(x)[1].reshape(-1, 12), x1, 1e-6)
     good = [
         np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-5 * np.abs(K[i]).max())
-        for i in np.flatnonzero(response.state == PairState.TOUCHES)
+        for i in np.flatnonzero(state == PairState.TOUCHES)
     ]
     # Enough pairs that touch.
     assert len(good) > 15
@@ -111,38 +111,29 @@ def test_the_tangent_is_the_derivative(kind: int, law: ContactLaw, alpha: float)
 def test_sums_over_pairs_are_those_of_the_pairs(kind: int) -> None:
     """Forces by points and tangents by blocks, with closest points and states that are known."""
     pairs, x0, x1 = near_pairs(kind, 50, seed=5)
-    alone = evaluate(pairs, x0, x1, BARRIER, 0.5, by_pair=True, tangents_by_pair=True)
-    pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))
+    step = step_of(pairs, x0, BARRIER)
+    state, forces, tangents = step.forces_and_tangents(x1)
     point_forces = np.zeros_like(x0)
-    first = evaluate(pairs, x0, x1, BARRIER, 0.5, point_forces=point_forces)
-    assert (first.state == alone.state).all()
+    assert (step.add_forces(x1, point_forces) == state).all()
     blocks = np.zeros((16 * 50, 9))
     block_index = np.arange(16 * 50, dtype=np.int32).reshape(50, 16)
-    tangents = PairEvaluation(
-        pairs,
-        len(x0),
-        BARRIER,
-        0.5,
-        state=first.state,
-        block_index=block_index,
-        blocks=blocks,
-    )
-    tangents(x0, x1, is_known=True)
-    assert (point_forces.reshape(50, 12) == alone.forces).all()
-    by_pairs = blocks.reshape(50, 4, 4, 3, 3).swapaxes(2, 3).reshape(50, 144)
-    assert (by_pairs == alone.tangents).all()
+    step.add_tangents(x1, state, 1.0, PairBlocks(block_index, blocks))
+    assert (point_forces.reshape(50, 4, 3) == forces).all()
+    by_pairs = blocks.reshape(50, 4, 4, 3, 3).swapaxes(2, 3)
+    assert (by_pairs == tangents).all()
+    assert (step.tangents(x1, state, 1.0) == tangents).all()
 
 
 def test_small_distances_of_large_triangles_keep_their_digits() -> None:
     pairs, x0, x1 = near_pairs(POINT_TRIANGLE, 200, seed=4, d=1e-6)
-    response = evaluate(pairs, x0, x1, BARRIER, 0.5, by_pair=True)
+    state, forces = step_of(pairs, x0, BARRIER).forces(x1)
     missing = []
-    for i in np.flatnonzero(response.state == PairState.TOUCHES):
+    for i in np.flatnonzero(state == PairState.TOUCHES):
         one = pairs.rows(np.array([i]))
         points = pairs.points[i]
         b0 = energy_of_pairs(one, x0, BARRIER)[0]
         b1 = energy_of_pairs(one, x1, BARRIER)[0]
-        work = response.forces[i] @ (x1[points] - x0[points]).ravel()
+        work = np.sum(forces[i] * (x1[points] - x0[points]))
         missing.append(abs(work - (b1 - b0)) / max(b0, b1))
     # Relative digits of the work.
     # Positions have digits to 1e-16 of 1, distances to 1e-10 of 1e-6.
@@ -154,12 +145,12 @@ def test_iterates_that_passed_through_are_pushed_back() -> None:
     x1 = x0.copy()
     x1[0, 2] = -0.02
     pairs, _, _ = near_pairs(POINT_TRIANGLE, 1)
-    response = evaluate(pairs, x0, x1, BARRIER, 0.5, by_pair=True, tangents_by_pair=True)
-    assert response.state[0] == PairState.PASSED
-    assert response.forces[0, 2] < 0  # the residual asks for a way up
+    (state,), (forces,), (tangents,) = step_of(pairs, x0, BARRIER).forces_and_tangents(x1)
+    assert state == PairState.PASSED
+    assert forces[0, 2] < 0  # the residual asks for a way up
     # A positive stiffness draws the iteration back up.
-    assert response.tangents[0].reshape(12, 12)[2, 2] > 0
-    error = abs(response.forces[0].reshape(4, 3).sum(0)).max()
+    assert tangents[0, 2, 0, 2] > 0
+    error = abs(forces.sum(0)).max()
     assert error < 1e-12
 
 
@@ -167,7 +158,7 @@ def test_iterates_that_passed_through_are_pushed_back() -> None:
 def test_those_and_only_those_that_pass_through_are_pushed_back(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, 400, seed=6)
     x1 = x0 + 4 * (x1 - x0)
-    state = evaluate(pairs, x0, x1, BARRIER, 0.5).state
+    state = step_of(pairs, x0, BARRIER).states(x1)
     squared = [closest_points(pairs, x0 + τ * (x1 - x0))[0] for τ in np.linspace(0, 1, 4001)]
     least = np.sqrt(np.min(squared, axis=0))
     passed = state == PairState.PASSED
@@ -216,10 +207,11 @@ def test_edges_about_to_cross_are_pushed_back_the_more_the_nearer_they_are() -> 
     pairs = crossing_edges(1e-6)
     heights = np.linspace(0.5e-3, 1e-5, 2000)
     x = [np.array([[-0.5, 0, z], [0.5, 0, z], [0, -0.5, 0], [0, 0.5, 0]]) for z in heights]
-    responses = [evaluate(pairs, x[0], x1, BARRIER, 0.5, by_pair=True) for x1 in x]
-    upwards = np.array([-r.forces[0].reshape(4, 3)[:2, 2].sum() for r in responses])
+    step = step_of(pairs, x[0], BARRIER)
+    responses = [step.forces(x1) for x1 in x]
+    upwards = np.array([-forces[0, :2, 2].sum() for _, forces in responses])
     stress = upwards / (heights[0] + heights)
-    state = np.array([r.state[0] for r in responses])
+    state = np.array([states[0] for states, _ in responses])
     assert (np.diff(state) >= 0).all()
     exact = {PairState.TOUCHES, PairState.PASSED}
     assert set(state) == exact
@@ -236,6 +228,6 @@ def test_edges_that_rock_push_across_however_little_they_stretch() -> None:
     x0 = np.array([[0, 0, 0], [0.28, 0, 0], [0, 0, 1.4e-3], [0.28, 0, 1.3e-3]])
     for stretch in np.linspace(-2e-4, 2e-4, 11):
         motion = np.array([[0, 0, 0], [stretch, 0, 0], [0, 0, -1.5e-4], [stretch, 0, 1.5e-4]])
-        force = evaluate(pairs, x0, x0 + motion, BARRIER, 0.5, by_pair=True).forces[0]
-        along, _, across = abs(force.reshape(4, 3)).max(axis=0)
+        _, (force,) = step_of(pairs, x0, BARRIER).forces(x0 + motion)
+        along, _, across = abs(force).max(axis=0)
         assert along < 1e-3 * across

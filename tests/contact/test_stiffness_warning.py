@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.pair_stiffness import StiffnessWarning
+from gossamer_fx.mechanics.contact.active_set import StiffnessWarning
 from tests.contact.scenes import SIGMA, film, simulate
 
 COMM = MPI.COMM_SELF
@@ -45,7 +45,7 @@ def test_a_stiffness_that_a_parameter_has_changed_is_the_one_that_is_reported(ca
     contact = gx.Contact(film(COMM, 1, velocity=(0, 0, -2.0)), floor, distance=1e-3, stiffness=1e9)
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
     with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
-        (compiled,) = run.system.active_sets
+        (compiled,) = run.system.equations.active_sets
         (parameter,) = [one for one in contact._parameters() if one.name == "stiffness"]
         compiled.set_number(compiled._term, str(parameter.source), np.array([2e5]))
         run.run(until=3e-4)

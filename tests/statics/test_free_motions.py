@@ -61,6 +61,12 @@ def test_what_depends_on_a_free_motion_is_refused_by_its_name(comm):
         gx.analysis.gradient(equilibrium, of=gx.analysis.Energy(), by=["push.force"])
 
 
+def test_a_path_along_which_something_moves_freely_is_refused_by_its_name(comm):
+    equilibrium, _, _ = inflated(comm, False)
+    with pytest.raises(gx.InputError, match=r"path: nothing resists translation x, .* hold it by"):
+        gx.analysis.path(equilibrium, 2.0, by="pressure.pressure", start=1.0)
+
+
 def test_a_rigid_motion_has_no_frequency(comm):
     equilibrium, _, _ = inflated(comm, False)
     frequency = gx.analysis.Frequency(equilibrium)

@@ -132,4 +132,46 @@ def test_paths_with_gas_do_not_depend_on_their_steps(comm, scene, process):
         np.testing.assert_allclose(others, events[0], rtol=1e-4)
 
 
+def two_gases_and_two_bars(comm, process):
+    """A double-acting piston that two bars hold in their plane; across it a spring is weaker than
+    the bars in compression, so that the path has two branch points."""
+    rise = 0.2
+    mass = gx.PointMass(0.1, (0.0, 0.0, rise), comm=comm, name="apex")
+    items: list[object] = []
+    for name, sign, pressure in (("above", 1.0, 2e4), ("below", -1.0, 1.5e4)):
+        piston = gx.gas.Piston(mass.port(), 0.01, direction=(0.0, 0.0, sign))
+        chamber = gx.Chamber(
+            piston,
+            gas=AIR,
+            pressure=pressure,
+            temperature=300.0,
+            dead_volume=7e-3,
+            outside=gx.gas.Ambient(1e4, 300.0, name=f"outside {name}"),
+            name=name,
+        )
+        items.append(chamber)
+    for k, x in enumerate((-1.0, 1.0)):
+        law = gx.CableLaw(EA=2e4, line_density=1.0)
+        bar = gx.Cable(line(comm, [(x, 0.0, 0.0), (0.0, 0.0, rise)], 1), law, name=f"bar {k}")
+        hinge = gx.constraints.BallJoint(bar.port("end"), mass.port(), name=f"hinge {k}")
+        items += [gx.Fixed(bar, "start", name=f"foot {k}"), hinge]
+    across = gx.connectors.AxialSpring(
+        mass.port(), 50.0, direction=(0.0, 1.0, 0.0), origin=(0.0, 0.0, 0.0)
+    )
+    push = gx.loads.Force(mass.port(), lambda t: (0.0, 0.0, -60.0 * t))
+    return gx.Equilibrium(gx.Scene(*items, across, push), gas=process)
+
+
+@pytest.mark.parametrize("process", PROCESSES)
+def test_branch_points_with_gas_do_not_depend_on_the_steps(comm, process):
+    loads = []
+    for first in FIRST_STEPS:
+        equilibrium = two_gases_and_two_bars(comm, process)
+        path = gx.analysis.path(equilibrium, 14.0, first_step=first)
+        loads.append(path.loads[list(path.branch_points)])
+    assert len(loads[0]) == 2
+    for others in loads[1:]:
+        np.testing.assert_allclose(others, loads[0], rtol=1e-5)
+
+
 LIMIT_POINTS = {bars_on_a_piston: 2, bars_on_stiff_gas: 0, balloon: 1, dome: 2}

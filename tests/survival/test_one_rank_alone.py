@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from tests.hanging import HANG_TIMEOUT
-from tests.survival.on_ranks import ROOT
+from tests.survival.on_ranks import ROOT, complete_module
 
 SCENE = Path(__file__).with_name("one_rank_scene.py")
 PLACES = ("probe", "load", "output", "file", "build")
@@ -83,3 +83,24 @@ def test_a_time_without_progress_is_positive(tmp_path: Path, word: str) -> None:
     assert done.returncode == 2
     assert f"'{word}' is not a positive number of seconds" in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("alone", "gossamer: rank 1 has ended alone by sys.exit(3), and the others with it;"),
+        ("raised", "gossamer: rank 1 has ended alone by sys.exit('a word'), and the others"),
+        ("error", "gossamer: rank 1 failed alone by ValueError (a word) in the lines above;"),
+    ],
+)
+def test_a_rank_of_a_script_that_ends_alone_ends_all(how: str, words: str) -> None:
+    done = complete_module("exiting_script", how, ranks=2)
+    assert done.returncode != 0
+    assert words in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("how", ["all", "one at the end", "caught"])
+def test_ranks_of_a_script_may_exit_with_different_codes(how: str) -> None:
+    done = complete_module("exiting_script", how, ranks=2)
+    assert "gossamer: " not in done.stderr, done.stderr
+    assert (done.returncode == 0) == (how == "caught")

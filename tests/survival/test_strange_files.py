@@ -27,6 +27,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.checks.strange_files import LARGEST_EXPANSION, open_file, write_new
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.outputs.vtu_format import Entry, Grid, read_vtu, write_pvd, write_vtu
+from gossamer_fx.records.plot import curve_panels
 from gossamer_fx.records.plot.watch import _Answers
 from gossamer_fx.records.run.checkpoint import _checksum, _checksum_of, _page
 from tests.small_scenes import LINEAR
@@ -383,3 +384,30 @@ def test_a_summary_is_a_text(run: Path, tmp_path: Path, summary: Any) -> None:
     about = json.loads((run / "run.json").read_text())
     (run / "run.json").write_text(json.dumps(about | {"summary": summary}))
     assert "'summary' is" in look(run, tmp_path / "out")["report"]
+
+
+def test_hundreds_of_probes_share_panels() -> None:
+    """Each panel takes a third of a second, so that 300 took minutes."""
+    values = np.linspace(0.0, 1.0, 3)
+    few = {f"p{i} [m]": {"": values} for i in range(5)}
+    assert curve_panels._few(few) == few
+    many = {f"p{i} [m]": {"": i * values} for i in range(300)} | {"q [N]": {"x": values}}
+    panels = curve_panels._few(many)
+    assert [(title, len(curves)) for title, curves in panels.items()] == [
+        ("300 probes [m]", 300),
+        ("q [N] x", 1),
+    ]
+    assert len(curve_panels._in_bands(panels["300 probes [m]"])) == 3
+    units = {f"p{i} [{i}]": {"": values} for i in range(300)}
+    panels = curve_panels._few(units)
+    assert len(panels) == 25 and sum(map(len, panels.values())) == 300
+
+
+@pytest.mark.parametrize("file", ["film_files/../../a.vtu", "/a.vtu", "..", "film_files/none.vtu"])
+def test_a_list_names_files_of_its_folder(run: Path, tmp_path: Path, file: str) -> None:
+    listed = next((run / "fields").glob("*.pvd"))
+    text = listed.read_text()
+    first = text.index('file="') + 6
+    listed.write_text(text[:first] + file + text[text.index('"', first) :])
+    said = look(run, tmp_path)["report"]
+    assert "outside its folder" in said or "is missing" in said

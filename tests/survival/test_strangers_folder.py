@@ -298,3 +298,43 @@ def test_no_library_of_the_folder_is_loaded_and_nothing_is_overwritten(folder: P
     done = program(folder, "-m", "gossamer_fx", "run", "scene.py", "-o", "out")
     assert done.returncode == 0, done.stderr
     assert mine.read_text() == "mine"
+
+
+def test_a_demo_and_a_script_that_begin_with_mpi4py_read_nothing_there(folder: Path) -> None:
+    """UCX would write the file that it is told when mpi4py loads MPI."""
+    mine = folder / "overwritten"
+    (folder / "ucx.conf").write_text(f"UCX_LOG_FILE={mine}\nUCX_LOG_LEVEL=debug\n")
+    (folder / "helper.py").write_text("WORDS = 'of the folder'\n")
+    script = "import sys\nfrom mpi4py import MPI\nimport helper\n"
+    script += "print(__name__, *sys.argv[1:], MPI.COMM_WORLD.size, helper.WORDS, flush=True)\n"
+    (folder / "script.py").write_text(script)
+    launched = program(folder, "-m", "gossamer_fx.app.cli.launch", "2", "script.py", "a")
+    assert launched.stdout == "__main__ a 2 of the folder\n" * 2, launched
+    demos = folder / "clone" / "demos" / "subject"
+    demos.mkdir(parents=True)
+    (demos / "folded_tube.py").write_text(script + "sys.exit(3)\n")
+    (demos / "helper.py").write_text("WORDS = 'of the demo'\n")
+    code = (
+        "from gossamer_fx.app.cli import demo\n"
+        f"demo.find_demos = lambda: demo.Path({str(demos.parent)!r})\n"
+        "demo.main(['folded_tube', 'a'])\n"
+    )
+    done = program(folder, "-c", code)
+    assert (done.stdout, done.returncode) == ("__main__ a 1 of the demo\n", 3), done
+    assert mine.read_text() == "mine"
+
+
+def test_modules_of_the_folder_are_not_taken_without_safe_paths(folder: Path) -> None:
+    """`python3 -m gossamer_fx` puts the current folder first."""
+    for name in ("ctypes", "numpy", "argparse", "csv"):
+        (folder / f"{name}.py").write_text("open('overwritten', 'w').close()\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "gossamer_fx", "--version"],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=HANG_TIMEOUT,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (folder / "overwritten").read_text() == "mine"

@@ -281,7 +281,7 @@ def test_the_words_of_a_demo_are_its_own(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("PYTHONPATH", "")
     demo.main([])
     demo.main(["sprout.py", "deployed"])
-    programs = [(Path(words[1]).name, words[2:]) for words in started]
+    programs = [(Path(words[4]).name, words[5:]) for words in started]
     assert programs == [("folded_tube.py", []), ("sprout.py", ["deployed"])]
 
 

@@ -204,6 +204,31 @@ def test_numbers_in_other_units_are_told(numbers, culprit):
     assert any(culprit in words for words in words_of(sheet(WORLD, 2, 2), law))
 
 
+def test_properties_of_cells_in_other_units_are_told(comm):
+    """Also that a plate is thick for its width, by its thickest cell."""
+    mesh = sheet(comm, 4, 2, 1.0, 0.05)
+    properties = {
+        "thickness": lambda X: 1e-3 + 9e-3 * (X[0] > 0.5),
+        "E": lambda X: 1.0 + 1e9 * (X[1] > 0.025),
+    }
+    strip = gx.Plate(mesh, LINEAR, properties=properties, name="strip")
+    words = list(warnings([strip]))
+    assert any("'strip': E = 1 Pa is unusual" in each for each in words)
+    assert any("0.01 m thick and 0.05 m wide" in each for each in words)
+    assert not any("thickness = " in each for each in words)
+
+
+def test_friction_of_an_obstacle_in_per_cent_is_told(comm):
+    film = gx.Membrane(sheet(comm, 2, 2), WRINKLING)
+    floor = gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1), friction=30.0, name="floor")
+    contact = gx.Contact(film, floor, distance=1e-3, name="contact")
+    words = list(warnings([film, contact]))
+    assert [each for each in words if "per cent" in each] == [
+        "'floor of contact': friction = 30 is unusual, 0 to 3 is not; "
+        "numbers are in SI units: is it in per cent?"
+    ]
+
+
 def test_what_is_suspected_is_told_once(caplog):
     film = gx.Membrane(
         sheet(MPI.COMM_SELF, 2, 2),

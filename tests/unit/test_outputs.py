@@ -3,6 +3,7 @@ run is refused."""
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import logging
@@ -525,6 +526,23 @@ def test_a_terminal_shows_one_line_and_anything_else_lines() -> None:
         for word in (*words, "step 5", "ledger", "5 steps in", "energy closes to"):
             assert word in said
         assert ("\r" in said) == isinstance(stream, Terminal)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk of Linux")
+def test_a_log_that_cannot_be_written_is_reported_once(capsys: pytest.CaptureFixture[str]) -> None:
+    log = logging.getLogger("gossamer_fx")
+    gx.run.log_to(COMM, "/dev/full", quiet=True)
+    try:
+        log.info("first")
+        log.info("second")
+    finally:
+        for handler in list(log.handlers):
+            log.removeHandler(handler)
+            with contextlib.suppress(OSError):
+                handler.close()
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "gossamer: The log '/dev/full' cannot be written (No space left on device)" in said
 
 
 @pytest.mark.mpi

@@ -145,7 +145,7 @@ class Bending:
         zone = END_ZONE * tube.radius
         self._counted = (zone / λ_L, (tube.length - zone) / λ_L)
         self.effort = Effort()
-        self.unknowns = self._search.system.numbering.size
+        self.unknowns = self._search.system.unknowns.numbering.size
 
     def load(self, deflection: float) -> float:
         """The load of the whole tube [N] at a deflection of the tip [m], from the present state."""

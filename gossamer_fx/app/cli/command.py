@@ -102,25 +102,33 @@ def main(words: Sequence[str]) -> int:
 
 def _on_this_rank(wanted: argparse.Namespace) -> int:
     """Run a command in this process; returns its exit code, see `main`."""
+    from gossamer_fx.core.checks.ending import (
+        abort_on_lone_error,
+        lacks_room,
+        no_room,
+        raise_ctrl_c,
+    )
+
     try:
         from mpi4py import MPI
-    except ImportError as error:
-        print(
-            f"gossamer: mpi4py cannot be imported ({error}); use a Python with dolfinx, petsc4py, "
-            "mpi4py and gmsh. gossamer doctor shows what this one has.",
-            file=sys.stderr,
-        )
-        return 1
 
-    from gossamer_fx.app.cli.user_files import end_program
-    from gossamer_fx.core.checks.ending import abort_on_lone_error, raise_ctrl_c
-    from gossamer_fx.core.checks.errors import (
-        InputError,
-        NoEquilibrium,
-        OutputFailure,
-        StepFailure,
-        check,
-    )
+        from gossamer_fx.app.cli.user_files import end_program
+        from gossamer_fx.core.checks.errors import (
+            InputError,
+            NoEquilibrium,
+            OutputFailure,
+            StepFailure,
+            check,
+        )
+    except (ImportError, MemoryError) as error:
+        words = (
+            f"mpi4py cannot be imported ({error}); use a Python with dolfinx, petsc4py, "
+            "mpi4py and gmsh. gossamer doctor shows what this one has."
+        )
+        if lacks_room(error):
+            words = no_room(error)
+        print(f"gossamer: {words}", file=sys.stderr)
+        return 1
 
     comm = MPI.COMM_WORLD
     if comm.size > 1:
@@ -152,8 +160,12 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         end_program(comm, "stopped by Ctrl-C; nothing is left to go on from.", 130)
     # These may happen on one rank only, so that the program is ended on all of them.
-    except (MemoryError, OSError) as error:
+    except (MemoryError, OSError, ImportError) as error:
         if wanted.debug:
+            raise
+        if lacks_room(error):
+            end_program(comm, no_room(error))
+        if isinstance(error, ImportError):
             raise
         end_program(
             comm,
@@ -484,7 +496,7 @@ def _show(case: Case, comm: MPI.Intracomm, restart: Path | None, changes: list[s
     run = case.simulation(restart=restart, changes=changes)
     about = describe(run)
     strange = list(warnings(run.scene.items))
-    films = [body for body in run.system.bodies if isinstance(body, Membrane)]
+    films = [body for body in run.system.unknowns.bodies if isinstance(body, Membrane)]
     # This search takes too long for every run; a dry run has the time.
     crossings = Crossings(*films)(run) if films else 0
     if crossings:

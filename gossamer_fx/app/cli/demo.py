@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from gossamer_fx.app.cli.script import BEHIND_THE_DOOR
+
 # the picture of the README
 DEFAULT = "folded_tube"
 # folders of `demos` that are not subjects: their programs have separate launchers
@@ -99,6 +101,8 @@ def _tell_where_demos_are(command: str) -> int:
 def _replace_process(folder: Path, program: Path, words: list[str]) -> NoReturn:
     """Replace this process by a program of the folder of the demos."""
     # demos import each other and the folder demos/common by their path in the clone
-    paths = [str(folder.parent), os.environ.get("PYTHONPATH", "")]
+    # Parent of the package too, as the folder of a demo in the current folder may be another.
+    package = str(Path(__file__).resolve().parents[3])
+    paths = [str(folder.parent), package, os.environ.get("PYTHONPATH", "")]
     os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
-    os.execv(sys.executable, [sys.executable, str(program), *words])
+    os.execv(sys.executable, [sys.executable, *BEHIND_THE_DOOR, str(program), *words])

@@ -25,6 +25,7 @@ from threading import Thread
 from types import FrameType
 from typing import BinaryIO, cast
 
+from gossamer_fx.app.cli.script import BEHIND_THE_DOOR
 from gossamer_fx.core.checks.ending import TERMINATED, end_with_parent
 
 # Open MPI puts each of its messages between two lines of dashes.
@@ -343,7 +344,10 @@ def main(words: Sequence[str]) -> int:
             file=sys.stderr,
         )
         return 2
-    return launch(int(words[0]), words[1:])
+    program = list(words[1:])
+    if program[0].endswith(".py"):
+        program = [*BEHIND_THE_DOOR, *program]
+    return launch(int(words[0]), program)
 
 
 if __name__ == "__main__":

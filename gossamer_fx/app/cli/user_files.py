@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from gossamer_fx.core.checks.door import import_from
-from gossamer_fx.core.checks.ending import CtrlC, Interrupted
+from gossamer_fx.core.checks.ending import CtrlC, Interrupted, lacks_room
 from gossamer_fx.core.checks.errors import (
     InputError,
     NoEquilibrium,
@@ -157,6 +157,7 @@ def guarded[T](
 
     Raises:
         InputError, StepFailure, NoEquilibrium, OutputFailure, Interrupted: as they are.
+        ImportError, OSError: as it is, if there is no memory for a library.
         SystemExit: after any other error, with the code 2; the message has the line of the file.
     """
     try:
@@ -165,7 +166,8 @@ def guarded[T](
     except (InputError, StepFailure, NoEquilibrium, OutputFailure, Interrupted, CtrlC):
         raise
     except BaseException as error:
-        if debug:
+        # Not an error of the file either, which imports libraries when it uses them.
+        if debug or (lacks_room(error) and not isinstance(error, MemoryError)):
             raise
         # The innermost line that is in the user's file: the one to correct.
         frames = [

@@ -1,2 +1,2 @@
 """Numbering of all unknowns, measures of points, exchange between ranks, and the algebra of
-angles, rotations and dual numbers."""
+angles and rotations."""

@@ -8,6 +8,9 @@ these libraries are imported while another folder is the current one, and PETSc 
 such files.  A scene file may import modules next to it, but none that stands for a library
 of this package, e.g. a file `gmsh.py`.
 
+OpenBLAS waits for ever where it finds no memory for its buffer.  So it takes the buffer when NumPy
+is imported, or the import fails.
+
 What the user's own configuration says stays: `~/.config` for FFCx, dolfinx and matplotlib, and for
 PETSc `PETSC_OPTIONS`, in which `-options_file NAME` names a file.
 
@@ -17,6 +20,7 @@ A library that was imported before `gossamer_fx` has read its files already.
 from __future__ import annotations
 
 import functools
+import mmap
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -26,6 +30,15 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+# MiB of addresses that MPI, PETSc, dolfinx and NumPy take at their start: 581 on Debian 13; and
+# NumPy alone, of which 128 are the buffer of OpenBLAS.  Where there are fewer, MPI and PETSc break
+# off and OpenBLAS waits for ever.
+_ROOM_FOR_LIBRARIES = 576
+_ROOM_FOR_NUMPY = 256
+
+# Rows of a matrix whose products need the buffer: OpenBLAS multiplies smaller ones without.
+_NEEDS_BUFFER = 128
 
 # A folder of this package, in which no library finds a file that it reads.
 _EMPTY = Path(__file__).resolve().parent
@@ -78,6 +91,37 @@ def _find_build_elsewhere(module: ModuleType) -> None:
     module.getPathArch = find_elsewhere  # type: ignore[attr-defined]
 
 
+def _check_room(module: ModuleType, needed: int = _ROOM_FOR_LIBRARIES) -> None:
+    """Raise `MemoryError` if there are no addresses for libraries, in MiB."""
+    # Not to be written, so that only a limit of the addresses refuses it.
+    flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
+    try:
+        mmap.mmap(-1, needed << 20, flags, mmap.PROT_READ).close()
+    except OSError as error:
+        raise MemoryError(f"libraries need {needed} MiB") from error
+
+
+def _limit_blas(module: ModuleType) -> None:
+    """Let OpenBLAS have one thread where the memory of a process is limited, unless the user says
+    how many: each thread has a buffer.
+
+    Raises:
+        MemoryError: see `_check_room`.
+    """
+    import resource
+
+    unlimited = resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY
+    if not unlimited and not {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"} & set(os.environ):
+        os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    _check_room(module, _ROOM_FOR_NUMPY)
+
+
+def _take_buffer_of_blas(module: Any) -> None:
+    """Let OpenBLAS take its buffer now; it keeps it."""
+    square = module.ones((_NEEDS_BUFFER, _NEEDS_BUFFER))
+    module.dot(square, square)
+
+
 def _nothing(module: ModuleType) -> None:
     """Do nothing."""
 
@@ -85,8 +129,9 @@ def _nothing(module: ModuleType) -> None:
 # What is done before and after each of these modules is executed.
 _GUARDED: dict[str, tuple[Callable[[ModuleType], None], Callable[[ModuleType], None]]] = {
     # Both load the library of MPI, which loads UCX.
-    "mpi4py.MPI": (_nothing, _nothing),
+    "mpi4py.MPI": (_check_room, _nothing),
     "gmsh": (_nothing, _nothing),
+    "numpy": (_limit_blas, _take_buffer_of_blas),
     # slepc4py takes the function of petsc4py.
     "petsc4py.lib": (_nothing, _find_build_elsewhere),
     "petsc4py.PETSc": (_start_petsc, _nothing),

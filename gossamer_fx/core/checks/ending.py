@@ -12,6 +12,7 @@ comes before the first step leaves a checkpoint of the start.
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import os
 import signal
@@ -21,7 +22,7 @@ import time
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from types import FrameType, TracebackType
+from types import CodeType, FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -34,8 +35,14 @@ PATIENCE = 8.0
 # Tag of the messages about errors, which no other part of the program uses.
 TAG = 28531
 
+# Tag of the messages by which a rank says that its program has come to its end.
+ENDED_TAG = 28532
+
 # Option of prctl(2): the signal that a process gets when its parent ends.
 _PR_SET_PDEATHSIG = 1
+
+# Numbers of tools of sys.monitoring that no debugger, coverage or profiler has by custom.
+_TOOLS = (3, 4)
 
 # Environment variables in which launchers of Open MPI, MPICH and Intel MPI set the number of ranks.
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
@@ -49,6 +56,24 @@ class CtrlC(KeyboardInterrupt):
 def raise_ctrl_c(number: int, frame: FrameType | None) -> None:
     """Handler of the signals by which Ctrl-C comes."""
     raise CtrlC
+
+
+def lacks_room(error: BaseException) -> bool:
+    """Whether there was no memory, or none to load a library."""
+    if isinstance(error, MemoryError):
+        return True
+    # The words of the loader of Linux.
+    words = ("failed to map segment", "annot allocate memory")
+    return isinstance(error, ImportError | OSError) and any(w in str(error) for w in words)
+
+
+def no_room(error: BaseException) -> str:
+    """The sentence about an error for which `lacks_room` holds."""
+    cause = " ".join(str(error).split()) or "no words"
+    return (
+        f"there is not enough memory ({cause}); free some, or raise the limit that ulimit -v or a "
+        "batch system has set."
+    )
 
 
 @contextmanager
@@ -141,6 +166,60 @@ def watch_uncaught_errors() -> None:
             agree_on_error(MPI.COMM_WORLD, error)
 
     sys.excepthook = uncaught
+    _watch_exits()
+
+
+def _watch_exits() -> None:
+    """Let a rank that ends by sys.exit with a code other than zero end the others, unless they come
+    to their end, too, within `PATIENCE` seconds.
+
+    With the code zero a rank waits for the others, as at the end of the script: one rank may go on
+    for hours with what it does alone.
+    """
+    codes: list[object] = []
+
+    def unwound(code: CodeType, offset: int, error: BaseException) -> None:
+        """Note an exit that leaves the outermost function, where nobody can catch it."""
+        if isinstance(error, SystemExit) and sys._getframe(1).f_back is None:
+            codes.append(error.code)
+
+    monitoring = sys.monitoring
+    free = [number for number in _TOOLS if monitoring.get_tool(number) is None]
+    if free:
+        monitoring.use_tool_id(free[0], "gossamer_fx")
+        monitoring.register_callback(free[0], monitoring.events.PY_UNWIND, unwound)
+        monitoring.set_events(free[0], monitoring.events.PY_UNWIND)
+    # Before MPI_Finalize, which waits for all ranks.
+    atexit.register(lambda: _leave(codes[-1] if codes else None))
+
+
+def _leave(code: object) -> None:
+    """Say to the other ranks that this one ends with an exit code, and wait for them unless it is
+    zero."""
+    # A program without MPI does not load it for its end.
+    loaded = sys.modules.get("mpi4py.MPI")
+    if loaded is None or not loaded.Is_initialized() or loaded.Is_finalized():
+        return
+    comm = loaded.COMM_WORLD
+    awaited = {r for r in range(comm.size) if r != comm.rank}
+    for r in awaited:
+        comm.isend(None, r, ENDED_TAG)
+    if code is None or code == 0:
+        return
+    deadline = time.monotonic() + PATIENCE
+    while awaited:
+        # A rank with an error ends all by itself.
+        awaited = {r for r in awaited if not (comm.iprobe(r, ENDED_TAG) or comm.iprobe(r, TAG))}
+        if awaited and time.monotonic() > deadline:
+            # Python prints a word in place of a number.
+            number = code if isinstance(code, int) else 1
+            sys.stderr.write(
+                f"gossamer: rank {comm.rank} has ended alone by sys.exit({code!r}), and the others "
+                "with it; let all ranks exit, or raise an error there.\n"
+            )
+            sys.stderr.flush()
+            comm.Abort(number)
+        time.sleep(1e-3)
 
 
 # mpirun passes SIGUSR1 and SIGUSR2 on to its ranks; after the other two it kills them before a long

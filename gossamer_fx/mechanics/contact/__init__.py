@@ -5,20 +5,16 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
     geometry/        points, edges and triangles that may touch; the collision filter of connected
                      parts
     broad_phase/     bounds of trajectories, a tree of boxes, candidate pairs
-    narrow_phase/    closest points and gaps, continuous collision detection, intersections
-    active_set       candidates that take part in a step, their activation distances, and what is
-                     taken over from step to step
-    pair_stiffness   how stiff a pair is when it begins to touch
-    potential        energy, forces and tangents: barrier or penalty
+    pairs            kinds of pairs, the tables that the stages hand on, closest points and gaps
+    narrow_phase/    continuous collision detection, intersections
+    active_set       candidates that take part in a step, their activation distances and stiffness,
+                     and what is taken over from step to step
+    contact_step     the step of a contact, which does not change: forces, tangents, derivatives
     friction/        Coulomb friction of the active pairs
-    assembly         blocks of the tangent
-    step_forces      forces and tangents of the active pairs of a step
+    assembly         which blocks the pairs of a step add to the tangent, and where they go
     contact_set      one contact in a step, which calls the stages; `contact` adds what gradients
                      and outputs ask
-    contact_gradient derivatives of forces and energy, for gradients of runs and equilibria
-    pair_table       the table of pairs that the stages hand on, one row a pair
-    stencils         what is different from one kind of pair to the next: distance, derivatives,
-                     range of the energy
+    contact_gradient what a gradient of a run or an equilibrium asks of a contact
     obstacles, cone  what bodies touch: of which stencils it is made, and how it is drawn
     kernels/         what is done pair by pair, in C
 
@@ -52,7 +48,7 @@ Distances, all in metres unless they are called squared:
 
     gap                  distance of the two sides of a pair less their radii; signed of a boundary
     activation distance  gap below which a pair has energy
-    squared distance s   of the closest points, without radii; see `narrow_phase.closest_points`
+    squared distance s   of the closest points, without radii; see `pairs`
     scaled distance x    (s - offset)/width: zero where the two sides meet, one at the activation
                          distance
     approach             upper bound of how much closer a pair can come

@@ -6,13 +6,15 @@ contact. Blocks between two block rows make a separate matrix, which is built in
 those that are not zero, and multiplied in addition to the other.
 
 A *block row* is a vector of three unknowns (`geometry.contact_points`).  A *block index* is the row
-of a block in the array `blocks`.
+of a block in the array of all blocks of a step.  `BlockAssembly.couple` makes the pattern of a
+step, which does not change; its methods take the blocks.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -64,313 +66,414 @@ class SparseRows:
         return values if self.order is None else values[self.order]
 
 
-class BlockAssembly:
-    """The blocks that the pairs of one contact add to the tangent in one step.
+@dataclass(frozen=True, eq=False)
+class PairBlocks:
+    """Blocks of a tangent to which a group of n pairs adds.
 
     Attributes:
-        blocks: the b blocks (b, 9) [N/m] of this rank's pairs, row by row.  On another rank's block
-            rows they are sent to that rank.
+        index: rows (n, w w) of `values` for each two of the w block rows of a pair.
+        values: blocks (b, 9) [N/m] of all groups, row by row.
     """
 
-    blocks: Array
-    # Indices (k,) in `blocks` of those off the diagonal, in the order in which owners get them.
-    _sent: Int32Array
-    # First unknown of each block row of the coupling matrix; `_coupling_rows` and
-    # `_coupling_columns` of its blocks are indices of this array.
-    _row_dof: Int64Array
-    # Blocks (k, 9) off the diagonal that are not zero, and their block rows and columns (k,).
-    _entries: Array
-    _entry_rows: Int64Array
-    _entry_columns: Int64Array
+    index: Int32Array
+    values: Array
+
+    def add(self, tangents: Array) -> None:
+        """Add tangents (n, w, w, 3, 3) [N/m]."""
+        np.add.at(self.values, self.index, tangents.reshape(*self.index.shape, 9))
+
+    def rows(self, which: Any) -> PairBlocks:
+        """Return the blocks of some of the pairs."""
+        return PairBlocks(self.index[which], self.values)
+
+
+@dataclass(frozen=True, eq=False)
+class CouplingEntries:
+    """Blocks of 3 x 3 between two different block rows, in a rank's rows, zero in the rows and
+    columns of fixed coordinates.
+
+    Attributes:
+        which: numbers (k,) of these blocks among the couplings of the pattern.
+        values: (k, 9) [N/m].
+    """
+
+    which: Int64Array
+    values: Array
+
+
+class BlockAssembly:
+    """Makes the patterns of what the pairs of one contact add to the tangent."""
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
-        """Find out which unknowns ranks own; `couple` makes the pattern of a step.  Collective."""
+        """Find out which unknowns ranks own; collective."""
         self._points = points
         self._system = system
-        self._comm = system.comm
-        self._numbering = system.numbering
-        end = self._numbering.start + self._numbering.size_local
-        self._ends = np.array(self._comm.allgather(end))
-        # Whether all bodies have three unknowns a node, so that matrices have blocks of 3 x 3.
-        self._has_node_blocks = self._numbering.block_size == 3
-        self.blocks = np.zeros((0, 9))
-        self._sort_block_rows()
+        numbering = system.numbering
+        self._ends = np.array(system.comm.allgather(numbering.start + numbering.size_local))
 
-    def _sort_block_rows(self) -> None:
-        """Find order and owner of all block rows that this rank knows."""
-        self._first_dof = self._points.first_dof
-        # Block rows in the order of their unknowns, and the position of each in this order.
-        self._order = np.argsort(self._first_dof)
-        self._position = np.argsort(self._order)
-        # Ranks own consecutive unknowns, so that their ends decide.
-        self._owner = np.searchsorted(self._ends, self._first_dof, side="right")
+    def couple(self, groups: Sequence[np.ndarray]) -> TangentPattern:
+        """Return the pattern of a tangent in which all block rows within each row of each group are
+        coupled; collective.
 
-    # ---- the pattern of a step ----
-
-    def couple(self, *groups: np.ndarray) -> list[Int32Array]:
-        """Choose the pattern of the tangent: all block rows within each row of each group are
-        coupled.  Collective; `blocks` is zero afterwards.
-
-        `groups`: arrays (n, w) of block rows, each with its own n and w, one row a pair.  Returns
-        for each group the block index (n, w w), row in `blocks`, of each two of its block rows.
+        `groups`: arrays (n, w) of block rows, each with its own n and w, one row a pair.
         """
-        # A search may have changed which points this rank knows.
-        if self._points.first_dof is not self._first_dof:
-            self._sort_block_rows()
+        # Points of this rank change with each search.
+        first_dof = self._points.first_dof
         counts = [len(group) for group in groups]
         widths = [group.shape[1] for group in groups]
         sizes = [count * width**2 for count, width in zip(counts, widths, strict=True)]
-        room = sum(sizes)
-        if room > MAX_BLOCKS:
+        if sum(sizes) > MAX_BLOCKS:
             raise RuntimeError(
                 f"Contact: {sum(counts)} pairs on a rank are too many; use more ranks."
             )
-        block_index, rows, columns = self._number_blocks(
-            group_size=np.repeat(widths, counts).astype(np.int32),
-            members=np.concatenate([group.ravel() for group in groups]).astype(np.int32),
-            room=room,
+        members = [np.zeros(0, dtype=np.int32), *(group.ravel() for group in groups)]
+        block_index, rows, columns = _number_blocks(
+            group_size=np.repeat(np.array(widths, dtype=np.int32), np.array(counts, dtype=int)),
+            members=np.concatenate(members).astype(np.int32),
+            room=sum(sizes),
+            row_count=len(first_dof),
         )
-        self.blocks = np.zeros((len(rows), 9))
-        self._divide(rows, columns)
-        parts = np.split(block_index, np.cumsum(sizes)[:-1])
-        return [
-            part.reshape(count, width**2)
-            for part, count, width in zip(parts, counts, widths, strict=True)
+        ends = np.cumsum(sizes)
+        index = [
+            block_index[end - size : end].reshape(count, width**2)
+            for end, size, count, width in zip(ends, sizes, counts, widths, strict=True)
         ]
-
-    def _number_blocks(
-        self, group_size: Int32Array, members: Int32Array, room: int
-    ) -> tuple[Int32Array, Int32Array, Int32Array]:
-        """Number the distinct 3 x 3 blocks of the tangent that groups of block rows couple.
-
-        `group_size`: how many block rows each group has, (g,); `members`: the block rows of all
-        groups, one group after the other; `room`: the sum of squared group sizes.  Returns block
-        index (room,) of each two members of each group; rows and columns (b,) of the blocks.
-        """
-        c = library()
-        row_count = len(self._position)
-        check_indices("The block rows of pairs", members, row_count)
-        block_index: Int32Array = np.empty(room, dtype=np.int32)
-        rows: Int32Array = np.empty(room, dtype=np.int32)
-        columns: Int32Array = np.empty(room, dtype=np.int32)
-        row_work: Int32Array = np.empty(3 * row_count + 2, dtype=np.int32)
-        # Work space is allocated here, since the C functions allocate nothing.
-        member_work: Int32Array = np.empty(4 * len(members), dtype=np.int32)
-        groups = c.struct(
-            "block_groups",
-            {
-                "group_count": len(group_size),
-                "row_count": row_count,
-                "group_size": c.array("group_size", group_size, "int32", (len(group_size),)),
-                "members": c.array("members", members, "int32", (len(members),)),
-            },
-        )
-        pattern = c.struct(
-            "block_pattern",
-            {
-                name: c.array(name, values, "int32", values.shape, writable=True)
-                for name, values in (
-                    ("block_index", block_index),
-                    ("rows", rows),
-                    ("columns", columns),
-                    ("row_work", row_work),
-                    ("member_work", member_work),
-                )
-            },
-        )
-        count = c.lib.number_blocks(groups.pointer, pattern.pointer)
-        return block_index, rows[:count], columns[:count]
-
-    def _divide(self, rows: Int32Array, columns: Int32Array) -> None:
-        """Divide the 3 x 3 blocks into those on the diagonal and those off it, which are announced
-        to the ranks that own their rows; collective.  `rows, columns`: block rows (b,) of each
-        block, as this rank numbers them."""
+        # Block rows in the order of their unknowns, and the position of each in this order.
+        order = np.argsort(first_dof)
+        position = np.argsort(order)
         diagonal = (rows == columns).nonzero()[0]
-        self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
-        diagonal_rows = rows[self._diagonal]
-        self._diagonal_csr = self._csr(diagonal_rows, diagonal_rows, self._first_dof)
+        diagonal = diagonal[np.argsort(position[rows[diagonal]])]
         coupling = (rows != columns).nonzero()[0]
-        if self._comm.size > 1:
-            self._send_to_owners(coupling, rows, columns)
+        couplings: OwnCouplings | SharedCouplings
+        if self._system.comm.size > 1:
+            owner = np.searchsorted(self._ends, first_dof, side="right")
+            couplings = SharedCouplings.announce(
+                coupling.astype(np.int32),
+                owners=owner[rows[coupling]],
+                row_dofs=first_dof[rows[coupling]],
+                column_dofs=first_dof[columns[coupling]],
+                system=self._system,
+            )
         else:
-            self._keep_all(coupling, rows, columns)
+            # A key names the row and column of a block in the order of the unknowns.
+            keys = position[rows[coupling]] * len(order) + position[columns[coupling]]
+            sort = np.argsort(keys)
+            row, column = np.divmod(keys[sort], len(order))
+            couplings = OwnCouplings(
+                rows=order[row],
+                columns=order[column],
+                first_dof=first_dof,
+                index=coupling[sort].astype(np.int32),
+                points=self._points,
+            )
         free = self._system.free_marks()
-        marks = self._values_at(free)
+        marks = couplings.values_at(free)
         free.destroy()
-        of_rows = marks[self._coupling_rows]
-        of_columns = marks[self._coupling_columns]
+        of_rows = marks[couplings.rows]
+        of_columns = marks[couplings.columns]
         # Most contacts have few blocks with fixed coordinates, or none.
         fixed = np.flatnonzero(~(of_rows.all(axis=1) & of_columns.all(axis=1)))
         free_entries = of_rows[fixed, :, None] * of_columns[fixed, None]
-        self._free_entries = free_entries.reshape(-1, 9)
-        # Blocks of this rank's block rows, and what finds those that are not zero.
-        self._own_blocks = self.blocks
-        index = self._sent
-        if self._comm.size > 1:
-            self._own_blocks = np.zeros((len(self._coupling_rows), 9))
-            index = np.arange(len(self._coupling_rows), dtype=np.int32)
-        self._own_index = index
-        self._fixed = index[fixed]
-        count = len(index)
-        self._is_nonzero: ByteArray = np.empty(count, dtype=np.uint8)
-        c = library()
-        self._find_nonzero = partial(
-            c.lib.find_nonzero_blocks,
-            count,
-            c.array("index", index, "int32", (count,)),
-            c.array("blocks", self._own_blocks, "float64", (len(self._own_blocks), 9)),
-            c.array("is_nonzero", self._is_nonzero, "uint8", (count,), writable=True),
+        has_node_blocks = self._system.numbering.block_size == 3
+        return TangentPattern(
+            system=self._system,
+            has_node_blocks=has_node_blocks,
+            count=len(rows),
+            index=index,
+            diagonal=diagonal,
+            diagonal_rows=_csr(rows[diagonal], rows[diagonal], first_dof, has_node_blocks),
+            couplings=couplings,
+            fixed=couplings.index[fixed],
+            free_entries=free_entries.reshape(-1, 9),
         )
-
-    def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
-        """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
-        `coupling`: indices (k,) of these blocks; `rows, columns`: block rows (b,) of all blocks."""
-        # A key names the row and column of a block in the order of the unknowns.
-        row_count = len(self._position)
-        keys = self._position[rows[coupling]] * row_count + self._position[columns[coupling]]
-        order = np.argsort(keys)
-        self._sent = coupling[order].astype(np.int32)
-        row, column = np.divmod(keys[order], row_count)
-        self._coupling_rows = self._order[row]
-        self._coupling_columns = self._order[column]
-        self._row_dof = self._first_dof
-
-    def _send_to_owners(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
-        """Report to the owners of block rows which 3 x 3 blocks they get; collective.  `coupling`:
-        indices (k,) of these blocks; `rows, columns`: block rows (b,) of all blocks, as this rank
-        numbers them."""
-        self._sent = coupling.astype(np.int32)
-        self._exchange = RankExchange(self._comm, self._owner[rows[coupling]])
-        # Ranks have different numbers for the same block row, and the same for its first unknown.
-        row_dofs = self._exchange.send(self._first_dof[rows[coupling]])
-        column_dofs = self._exchange.send(self._first_dof[columns[coupling]])
-        self._row_dof, index_of_dof = np.unique(
-            np.concatenate([row_dofs, column_dofs]), return_inverse=True
-        )
-        row, column = np.split(index_of_dof.ravel(), 2)
-        row_count = len(self._row_dof)
-        keys, self._received = np.unique(row * row_count + column, return_inverse=True)
-        self._coupling_rows, self._coupling_columns = np.divmod(keys, max(row_count, 1))
-        # An owner need not know the points that other ranks couple with its own.
-        self._gather = Gather(self._numbering, [self._row_dof[:, None] + np.arange(3)])
-
-    def _values_at(self, q: PETSc.Vec) -> Array:
-        """Return the entries (k, 3) of a vector at the block rows of the coupling matrix;
-        collective."""
-        if self._comm.size == 1:
-            return self._points.of_block_rows(q)
-        return self._gather(q)[0]
-
-    # ---- the matrix of the system ----
 
     def reserve_diagonal(self, A: PETSc.Mat) -> None:
         """Enter zeros, so that the pattern of a matrix holds the blocks on the diagonal of all
         points."""
-        blocks = np.zeros((len(self._order), 9))
-        self._enter(A, self._csr(self._order, self._order, self._first_dof), blocks)
+        first_dof = self._points.first_dof
+        order = np.argsort(first_dof)
+        has_node_blocks = self._system.numbering.block_size == 3
+        pattern = _csr(order, order, first_dof, has_node_blocks)
+        _enter(A, pattern, np.zeros((len(order), 9)), has_node_blocks)
 
-    def add_diagonal(self, A: PETSc.Mat) -> None:
-        """Add the blocks on the diagonal to a matrix."""
-        self._enter(A, self._diagonal_csr, self.blocks[self._diagonal])
 
-    def _enter(self, A: PETSc.Mat, pattern: SparseRows, blocks: Array) -> None:
-        """Add blocks (k, 9) to a matrix at the entries of a pattern, in the format that it has."""
-        if not len(blocks):
-            return
-        enter = A.setValuesBlockedIJV if self._has_node_blocks else A.setValuesIJV
-        enter(
-            pattern.ends,
-            pattern.columns,
-            pattern.values(blocks),
-            addv=PETSc.InsertMode.ADD_VALUES,
-            rowmap=pattern.rows,
+@dataclass(frozen=True, eq=False)
+class OwnCouplings:
+    """Where the k blocks off the diagonal belong on the only rank, sorted by row, then by column.
+
+    Attributes:
+        rows, columns: block rows of each block (k,).
+        first_dof: first unknown of each block row.
+        index: of each block (k,), in the array that `sums` returns.
+    """
+
+    rows: Int64Array
+    columns: Int64Array
+    first_dof: Int64Array
+    index: Int32Array
+    points: ContactPoints
+
+    def sums(self, blocks: Array) -> Array:
+        """Return the blocks (b, 9) themselves: no other rank has any."""
+        return blocks
+
+    def values_at(self, q: PETSc.Vec) -> Array:
+        """Return the entries (v, 3) of a vector of the system at all block rows."""
+        return self.points.of_block_rows(q)
+
+
+@dataclass(frozen=True, eq=False)
+class SharedCouplings:
+    """Where the k blocks off the diagonal belong that all ranks add to the block rows of this one,
+    sorted by row, then by column.
+
+    Attributes:
+        rows, columns: block rows of each block (k,), numbered by `first_dof`.
+        first_dof: first unknown of each block row that this rank's blocks need.
+        index: of each block (k,), in the array that `sums` returns.
+        sent: indices of this rank's blocks, in the order in which their owners get them.
+        received: number (r,) of each block that this rank gets.
+    """
+
+    rows: Int64Array
+    columns: Int64Array
+    first_dof: Int64Array
+    index: Int32Array
+    sent: Int32Array
+    received: Int64Array
+    exchange: RankExchange
+    gather: Gather
+
+    @classmethod
+    def announce(
+        cls,
+        sent: Int32Array,
+        *,
+        owners: Int64Array,
+        row_dofs: Int64Array,
+        column_dofs: Int64Array,
+        system: ContactAssembly,
+    ) -> SharedCouplings:
+        """Report to the owners of block rows which blocks they get; collective.  `sent`: indices
+        (s,) of these blocks; `owners`: ranks (s,); `row_dofs`, `column_dofs`: first unknowns (s,)
+        of their block rows and columns."""
+        exchange = RankExchange(system.comm, owners)
+        # Ranks have different numbers for the same block row, and the same for its first unknown.
+        of_all_ranks = np.concatenate([exchange.send(row_dofs), exchange.send(column_dofs)])
+        first_dof, index_of_dof = np.unique(of_all_ranks, return_inverse=True)
+        row, column = np.split(index_of_dof.ravel(), 2)
+        row_count = len(first_dof)
+        keys, received = np.unique(row * row_count + column, return_inverse=True)
+        rows, columns = np.divmod(keys, max(row_count, 1))
+        return cls(
+            rows=rows,
+            columns=columns,
+            first_dof=first_dof,
+            index=np.arange(len(keys), dtype=np.int32),
+            sent=sent,
+            received=received,
+            exchange=exchange,
+            # An owner need not know the points that other ranks couple with its own.
+            gather=Gather(system.numbering, [first_dof[:, None] + np.arange(3)]),
         )
 
-    # ---- the matrix of couplings ----
+    def sums(self, blocks: Array) -> Array:
+        """Return the sums (k, 9) over all ranks of blocks (b, 9); collective."""
+        sums = np.zeros((len(self.rows), 9))
+        np.add.at(sums, self.received, self.exchange.send(blocks[self.sent]))
+        return sums
 
-    def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows,
-        zero in the rows and columns of fixed coordinates; None if it has no entries.  Collective.
+    def values_at(self, q: PETSc.Vec) -> Array:
+        """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
+        return self.gather(q)[0]
 
-        Without a diagonal it has all blocks, as they are now.  With the diagonal of the system's
-        matrix it has those that a preconditioner needs (`STRONG_COUPLING`), as they were at the
-        last call without one, which has to come first.
-        """
-        if diagonal is None:
-            self._fetch_entries()
-            strong: Any = slice(None)
-        else:
-            size = np.abs(self._values_at(diagonal)).max(axis=1)
-            squared_norm = np.einsum("ni,ni->n", self._entries, self._entries)
-            mean = size[self._entry_rows] * size[self._entry_columns]
-            strong = np.flatnonzero(squared_norm > STRONG_COUPLING**2 * mean)
-        entries = self._entries[strong]
-        if not self._comm.allreduce(len(entries)):
+
+@dataclass(frozen=True, eq=False)
+class TangentPattern:
+    """Which 3 x 3 blocks the pairs of a step add to the tangent, and where they go.
+
+    Attributes:
+        has_node_blocks: whether all bodies have three unknowns a node, so that matrices have blocks
+            of 3 x 3.
+        count: b, the number of blocks of this rank's pairs.
+        index: of each two block rows of each pair (n, w w), for each group of pairs.
+        diagonal, diagonal_rows: indices of the blocks on the diagonal, and where they are in the
+            matrix of the system.
+        couplings: the blocks off the diagonal.
+        fixed, free_entries: indices (f,) of couplings with fixed coordinates, and 1 for each of
+            their entries (f, 9) that is between two that are not, else 0.
+    """
+
+    system: ContactAssembly
+    has_node_blocks: bool
+    count: int
+    index: Sequence[Int32Array]
+    diagonal: np.ndarray
+    diagonal_rows: SparseRows
+    couplings: OwnCouplings | SharedCouplings
+    fixed: Int32Array
+    free_entries: Array
+
+    def add_diagonal(self, A: PETSc.Mat, blocks: Array) -> None:
+        """Add those of blocks (b, 9) that are on the diagonal to a matrix."""
+        _enter(A, self.diagonal_rows, blocks[self.diagonal], self.has_node_blocks)
+
+    @cached_property
+    def _index_pointer(self) -> Any:
+        """`couplings.index` as C takes it."""
+        index = self.couplings.index
+        return library().array("index", index, "int32", index.shape)
+
+    def entries(self, blocks: Array) -> CouplingEntries:
+        """Sum those of blocks (b, 9) that are off the diagonal in this rank's block rows;
+        collective.  Blocks that are zero are left out.  Entries of fixed coordinates are set to
+        zero, also in `blocks`."""
+        sums = self.couplings.sums(blocks)
+        # In place: a copy of all blocks would take longer than what follows.
+        sums[self.fixed] *= self.free_entries
+        index = self.couplings.index
+        is_nonzero: ByteArray = np.empty(len(index), dtype=np.uint8)
+        c = library()
+        c.lib.find_nonzero_blocks(
+            len(index),
+            self._index_pointer,
+            c.array("blocks", sums, "float64", (len(sums), 9)),
+            c.array("is_nonzero", is_nonzero, "uint8", index.shape, writable=True),
+        )
+        nonzero = is_nonzero.nonzero()[0]
+        return CouplingEntries(nonzero, sums[index[nonzero]])
+
+    def strong(self, entries: CouplingEntries, diagonal: PETSc.Vec) -> CouplingEntries:
+        """Return the couplings that a preconditioner needs (`STRONG_COUPLING`) besides a matrix
+        with this diagonal; collective."""
+        size = np.abs(self.couplings.values_at(diagonal)).max(axis=1)
+        squared_norm = np.einsum("ni,ni->n", entries.values, entries.values)
+        rows = self.couplings.rows[entries.which]
+        columns = self.couplings.columns[entries.which]
+        mean = size[rows] * size[columns]
+        strong = np.flatnonzero(squared_norm > STRONG_COUPLING**2 * mean)
+        return CouplingEntries(entries.which[strong], entries.values[strong])
+
+    def matrix(self, entries: CouplingEntries) -> PETSc.Mat | None:
+        """Return couplings as a new matrix [N/m]; None if no rank has any.  Collective."""
+        comm = self.system.comm
+        if not comm.allreduce(len(entries.which)):
             return None
-        pattern = self._csr(self._entry_rows[strong], self._entry_columns[strong], self._row_dof)
-        block_size = 3 if self._has_node_blocks else 1
-        local_size = self._numbering.size_local
+        first_dof = self.couplings.first_dof
+        rows = self.couplings.rows[entries.which]
+        columns = self.couplings.columns[entries.which]
+        pattern = _csr(rows, columns, first_dof, self.has_node_blocks)
+        numbering = self.system.numbering
+        block_size = 3 if self.has_node_blocks else 1
+        local_size = numbering.size_local
         row_ends = np.zeros(local_size // block_size + 1, dtype=PETSc.IntType)
-        row_ends[pattern.rows - self._numbering.start // block_size + 1] = np.diff(pattern.ends)
+        row_ends[pattern.rows - numbering.start // block_size + 1] = np.diff(pattern.ends)
         ends = np.cumsum(row_ends, dtype=PETSc.IntType)
-        csr = (ends, pattern.columns, pattern.values(entries))
-        sizes = 2 * ((local_size, self._numbering.size),)
-        if self._has_node_blocks:
-            return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=self._comm)
-        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
+        csr = (ends, pattern.columns, pattern.values(entries.values))
+        sizes = 2 * ((local_size, numbering.size),)
+        if self.has_node_blocks:
+            return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=comm)
+        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 
-    def coupling_blocks(self) -> CouplingBlocks | None:
-        """Return all blocks of `coupling` as they are now; None: on several ranks, or where the
-        matrices have no blocks of three."""
-        if self._comm.size > 1 or not self._has_node_blocks:
+    @cached_property
+    def _nodes(self) -> tuple[Int64Array, Int64Array]:
+        """Row and column (k,) of each coupling in a matrix of blocks."""
+        first_dof = self.couplings.first_dof
+        return first_dof[self.couplings.rows] // 3, first_dof[self.couplings.columns] // 3
+
+    def blocks(self, entries: CouplingEntries) -> CouplingBlocks | None:
+        """Return couplings as blocks of the matrix of the system; None: on several ranks, or where
+        it has no blocks of three."""
+        if self.system.comm.size > 1 or not self.has_node_blocks:
             return None
-        self._fetch_entries()
-        rows = self._row_dof[self._entry_rows] // 3
-        columns = self._row_dof[self._entry_columns] // 3
-        return CouplingBlocks(rows, columns, self._entries)
+        rows, columns = self._nodes
+        return CouplingBlocks(rows[entries.which], columns[entries.which], entries.values)
 
-    def _fetch_entries(self) -> None:
-        """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows; collective.
-        The results are `_entries` (k, 9), with `_entry_rows` and `_entry_columns` (k,).  Blocks
-        that are zero are left out; rows and columns of fixed coordinates become zero."""
-        blocks = self._own_blocks
-        if self._comm.size > 1:
-            blocks[:] = 0
-            np.add.at(blocks, self._received, self._exchange.send(self.blocks[self._sent]))
-        blocks[self._fixed] *= self._free_entries
-        self._find_nonzero()
-        nonzero = self._is_nonzero.nonzero()[0]
-        self._entry_rows = self._coupling_rows[nonzero]
-        self._entry_columns = self._coupling_columns[nonzero]
-        self._entries = blocks[self._own_index[nonzero]]
 
-    def _csr(
-        self, block_rows: np.ndarray, block_columns: np.ndarray, first_dof: Int64Array
-    ) -> SparseRows:
-        """Return where 3 x 3 blocks of the tangent are in a matrix of PETSc's.  `block_rows,
-        block_columns`: of each block (k,), sorted by rows, as indices of `first_dof`, which has the
-        first unknown of each.  If the system has no blocks of three, a row of blocks is three
-        rows."""
-        first = np.flatnonzero(np.diff(block_rows, prepend=-1))
-        counts = np.diff(np.append(first, len(block_rows)))
-        rows = first_dof[block_rows[first]]
-        columns = first_dof[block_columns]
-        order = None
-        if self._has_node_blocks:
-            rows = rows // 3
-            columns = columns // 3
-        else:
-            columns, order = _unrolled(columns, first, counts)
-            rows = (rows[:, None] + np.arange(3)).ravel()
-            # Each row of blocks becomes three rows with three entries a block.
-            counts = np.repeat(3 * counts, 3)
-        ends = np.append(0, np.cumsum(counts))
-        return SparseRows(
-            rows.astype(PETSc.IntType),
-            ends.astype(PETSc.IntType),
-            columns.astype(PETSc.IntType),
-            order,
-        )
+def _number_blocks(
+    group_size: Int32Array, members: Int32Array, room: int, row_count: int
+) -> tuple[Int32Array, Int32Array, Int32Array]:
+    """Number the distinct 3 x 3 blocks of the tangent that groups of block rows couple.
+
+    `group_size`: how many block rows each group has, (g,); `members`: the block rows of all groups,
+    one group after the other; `room`: the sum of squared group sizes; `row_count`: number of block
+    rows.  Returns block index (room,) of each two members of each group; rows and columns (b,) of
+    the blocks.
+    """
+    c = library()
+    check_indices("The block rows of pairs", members, row_count)
+    block_index: Int32Array = np.empty(room, dtype=np.int32)
+    rows: Int32Array = np.empty(room, dtype=np.int32)
+    columns: Int32Array = np.empty(room, dtype=np.int32)
+    row_work: Int32Array = np.empty(3 * row_count + 2, dtype=np.int32)
+    # Work space is allocated here, since the C functions allocate nothing.
+    member_work: Int32Array = np.empty(4 * len(members), dtype=np.int32)
+    groups = c.struct(
+        "block_groups",
+        {
+            "group_count": len(group_size),
+            "row_count": row_count,
+            "group_size": c.array("group_size", group_size, "int32", (len(group_size),)),
+            "members": c.array("members", members, "int32", (len(members),)),
+        },
+    )
+    pattern = c.struct(
+        "block_pattern",
+        {
+            name: c.array(name, values, "int32", values.shape, writable=True)
+            for name, values in (
+                ("block_index", block_index),
+                ("rows", rows),
+                ("columns", columns),
+                ("row_work", row_work),
+                ("member_work", member_work),
+            )
+        },
+    )
+    count = c.lib.number_blocks(groups.pointer, pattern.pointer)
+    return block_index, rows[:count], columns[:count]
+
+
+def _enter(A: PETSc.Mat, pattern: SparseRows, blocks: Array, has_node_blocks: bool) -> None:
+    """Add blocks (k, 9) to a matrix at the entries of a pattern, in the format that it has."""
+    if not len(blocks):
+        return
+    enter = A.setValuesBlockedIJV if has_node_blocks else A.setValuesIJV
+    enter(
+        pattern.ends,
+        pattern.columns,
+        pattern.values(blocks),
+        addv=PETSc.InsertMode.ADD_VALUES,
+        rowmap=pattern.rows,
+    )
+
+
+def _csr(
+    block_rows: np.ndarray, block_columns: np.ndarray, first_dof: Int64Array, has_node_blocks: bool
+) -> SparseRows:
+    """Return where 3 x 3 blocks of the tangent are in a matrix of PETSc's.  `block_rows,
+    block_columns`: of each block (k,), sorted by rows, as indices of `first_dof`, which has the
+    first unknown of each.  Without blocks of three in the system, a row of blocks is three rows."""
+    first = np.flatnonzero(np.diff(block_rows, prepend=-1))
+    counts = np.diff(np.append(first, len(block_rows)))
+    rows = first_dof[block_rows[first]]
+    columns = first_dof[block_columns]
+    order = None
+    if has_node_blocks:
+        rows = rows // 3
+        columns = columns // 3
+    else:
+        columns, order = _unrolled(columns, first, counts)
+        rows = (rows[:, None] + np.arange(3)).ravel()
+        # Each row of blocks becomes three rows with three entries a block.
+        counts = np.repeat(3 * counts, 3)
+    ends = np.append(0, np.cumsum(counts))
+    return SparseRows(
+        rows.astype(PETSc.IntType),
+        ends.astype(PETSc.IntType),
+        columns.astype(PETSc.IntType),
+        order,
+    )
 
 
 def _unrolled(

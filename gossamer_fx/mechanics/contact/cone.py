@@ -7,7 +7,7 @@ R(v) along its axis,
 
 z leading from the point v of the axis to the point u of the edge.  |z| is the square root of a
 function that is linear in the measures, so that s is concave in them, as all distances are
-(`contact.potential`).  At the minimum z is normal to the mantle.
+(`contact.contact_step`).  At the minimum z is normal to the mantle.
 
 Inside, a point at the height z above the apex and at the distance ρ from the axis is
 
@@ -38,7 +38,7 @@ from gossamer_fx.mechanics.contact.obstacles import (
     rounded_cone,
     unit_vector,
 )
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.pairs import (
     ROUNDING,
     TINY,
     BoundaryStencil,

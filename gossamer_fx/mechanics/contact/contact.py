@@ -23,12 +23,12 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.contact.active_set import ContactHistory
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.contact_step import ContactLaw
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.curved_cells import has_middle_nodes
 from gossamer_fx.mechanics.contact.geometry.facets import TRIANGLE_SIDES, facets_of
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
-from gossamer_fx.mechanics.contact.potential import ContactLaw
 from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
     Assembly,
@@ -94,7 +94,6 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
                 coefficient=item.friction,
                 of_obstacles=own_coefficients,
                 slip_velocity=item.slip_velocity,
-                law=term.law,
                 system=whole,
             )
         ContactSet.__init__(
@@ -210,7 +209,7 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
     def solids(self) -> list[Solid]:
         """Return the obstacles as solids for pictures; collective. Planes, which have no end, are
         drawn near the bodies; kinds of obstacles without a picture are left out."""
-        x = self.x0[: self.points.body_count]
+        x = self.accepted.x[: self.points.body_count]
         near = np.array(box(self.mesh.comm, x))
         found = [obstacle.solid(near) for obstacle in self.item.obstacles]
         return [solid for solid in found if solid is not None]
@@ -256,7 +255,7 @@ def _arguments(obstacle: Obstacle) -> tuple[type[Obstacle], str]:
 @dataclass(frozen=True, eq=False)
 class ContactEnergy:
     """Stored energy and friction of the pairs between bodies and obstacles; see
-    `contact.potential`.
+    `contact.contact_step`.
 
     Attributes:
         item: of the scene.

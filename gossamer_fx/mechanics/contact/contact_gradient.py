@@ -7,31 +7,20 @@ what it leaves out, and the derivatives by the numbers of a contact:
                               derive from closing speeds
     by a number               friction coefficient, given stiffness, masses of bodies
 
-Origins.  The vector r of a pair leads between the closest points (u0, v0) of the start of the step.
-The energy of the pair does not depend on this origin.  The force of a step does, slightly: the
-correction along the change of the measures (`contact.potential`, equation 3) is another one for
-another r.  The reversed step of a gradient keeps the origin, so that this derivative is added to
-what the reversed step gives:
-
-    (∂F/∂(u0, v0) ∂(u0, v0)/∂x0)ᵀ μ                                                              (1)
-
-It is a part of 1e-9 of a gradient where films touch slowly, and of up to 1e-2 of the derivative of
-a single pair that crosses much of its activation distance in a step.
-
 Stiffness.  Without a given stiffness a pair that begins to touch in a step takes
 
-    k = 4 σ v² A,    v = 1.25 |dD/dt|,                                                          (2)
+    k = 4 σ v² A,    v = 1.25 |dD/dt|,                                                          (1)
 
 σ the area density of both sides and dD/dt the rate of its distance at the start of this step
-(`pair_stiffness`).  It keeps k while it has energy.  So the forces of later steps depend on the
+(`active_set`).  It keeps k while it has energy.  So the forces of later steps depend on the
 state at the start of the first one, and on the masses of the bodies.
 
 Algorithm, backwards over the steps, with one sum for each pair.
 
     1. Add μ·∂f/∂k = μ·f/k of the pair in the step: its forces are proportional to k.
-    2. In the step in which the pair chose k, carry the sum to the start of the step by (2), and
+    2. In the step in which the pair chose k, carry the sum to the start of the step by (1), and
        begin a new one.
-    3. What (2) gives for σ is summed up for each body.
+    3. What (1) gives for σ is summed up for each body.
 
 The reference speed, a lower bound of v that follows from the length of the first step, counts as
 given, and so do the activation distances.
@@ -44,24 +33,18 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import MeshBody
+from gossamer_fx.mechanics.contact.active_set import SHORT_TIME, SPEED_RESERVE
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
-from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_stiffness import SHORT_TIME, SPEED_RESERVE
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs
-from gossamer_fx.mechanics.contact.potential import (
-    ContactLaw,
-    PairState,
+from gossamer_fx.mechanics.contact.contact_step import (
     energy_of_pairs,
-    evaluate,
-    forces_by_origin,
     unit_energies,
 )
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.pairs import (
     TINY,
+    ActivePairs,
+    closest_points,
     derivatives_of,
-    is_boundary,
-    parameter_derivatives_of,
 )
 
 
@@ -150,22 +133,6 @@ def closing_derivatives(
     return by_position, by_velocity
 
 
-def add_product_through_origins(
-    pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float, μ: Array, found: Array
-) -> None:
-    """Add (1) of the module, the product of μ (m, 3) with the derivative of the forces through the
-    origins of the pairs' vectors, to `found` (m, 3)."""
-    state = evaluate(pairs, x0, x1, law, alpha, push_back=0.0).state
-    pairs = pairs.rows((state == PairState.TOUCHES) & ~is_boundary(pairs.kind))
-    if not len(pairs):
-        return
-    assert pairs.start is not None, "a step has the starts of its pairs"
-    by_origin = forces_by_origin(pairs, x0, x1, law, alpha)
-    by_parameters = np.einsum("nikc,nkc->ni", by_origin, μ[pairs.points])
-    of_points = parameter_derivatives_of(pairs, x0[pairs.points], pairs.start[:, :2])
-    np.add.at(found, pairs.points, np.einsum("ni,nikc->nkc", by_parameters, of_points))
-
-
 class ContactGradient:
     """Derivatives of the forces and of the energy of one contact, in the present step."""
 
@@ -174,10 +141,7 @@ class ContactGradient:
         self._system = contact_set.system
         self._comm = contact_set.system.comm
         self._points = contact_set.points
-        self._friction = contact_set.friction
         self._stiffness = contact_set.pair_stiffness
-        # Weight of the end of a step in the configuration where forces act: 1 in an equilibrium.
-        self._alpha = contact_set.system.rule.alpha
         # Of a backward pass, if stiffness is derived from closing speeds.
         self._stiffness_adjoint: StiffnessAdjoint | None = None
 
@@ -196,23 +160,13 @@ class ContactGradient:
         """Add (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ of what the reversed step leaves out of the forces f;
         collective. It is friction, how the force of a pair depends on the origin of its vectors,
         and the stiffness that pairs derive from their closing speed."""
-        contact_set = self._set
         on_points = self._on_points(μ)
         found = np.zeros((self._points.count, 3))
-        if contact_set.pairs is not None:
-            x0 = contact_set.x0
-            x1 = contact_set.end_points()
-            add_product_through_origins(
-                pairs=contact_set.pairs,
-                x0=x0,
-                x1=x1,
-                law=contact_set.law,
-                alpha=self._alpha,
-                μ=on_points,
-                found=found,
-            )
-            if self._friction is not None:
-                self._friction.add_product_with_start_derivative(x0, x1, on_points, found)
+        step = self._set.step
+        if step is not None:
+            x1 = self._set.end_points()
+            for group in step.groups:
+                group.add_start_product(x1, on_points, found)
         if self._stiffness_adjoint is not None:
             rates = np.zeros((self._points.count, 3))
             self._add_product_through_stiffness(on_points, found, rates)
@@ -225,29 +179,18 @@ class ContactGradient:
         rates`: (m, 3), to which the products with respect to positions and velocities of the points
         at the start are added."""
         adjoint = self._stiffness_adjoint
-        pairs = self._set.pairs
-        assert adjoint is not None and pairs is not None
-        x0 = self._set.x0
+        step = self._set.step
+        assert adjoint is not None and step is not None
+        pairs = step.pairs
         x1 = self._set.end_points()
-        response = evaluate(
-            pairs,
-            x0,
-            x1,
-            self._set.law,
-            self._alpha,
-            by_pair=True,
-            push_back=self._set.forces.push_back,
-        )
-        forces = np.asarray(response.forces).reshape(-1, 4, 3)
-        work = np.einsum("nkc,nkc->n", forces, μ[pairs.points])
-        if self._friction is not None:
-            # Friction is proportional to the normal force of its pair.
-            identifier, of_friction = self._friction.works(x0, x1, μ)
-            order = np.argsort(pairs.identifier)
-            row = order[np.searchsorted(pairs.identifier[order], identifier)]
-            np.add.at(work, row, of_friction)
-        # Forces are proportional to the stiffness k of their pair: μ·∂f/∂k = μ·f/k.
-        adjoint.add(pairs.identifier, work / pairs.stiffness)
+        # Forces are proportional to the stiffness k of their pair: μ·∂f/∂k = μ·f/k.  Friction is
+        # proportional to the normal force.
+        identifiers: list[Int64Array] = [pairs.identifier]
+        contributions: list[Array] = [np.zeros(len(pairs))]
+        for group in step.groups:
+            identifiers.append(group.step.pairs.identifier)
+            contributions.append(group.works(x1, μ) / group.step.pairs.stiffness)
+        adjoint.add(np.concatenate(identifiers), np.concatenate(contributions))
         # Pairs without energy at the start chose their stiffness in this step.
         had_energy, _ = self._set.history.stiffness_of(pairs.identifier)
         new = pairs.rows(~had_energy)
@@ -257,7 +200,7 @@ class ContactGradient:
         system = self._system
         by_position, by_velocity = closing_derivatives(
             pairs=new,
-            x0=x0,
+            x0=step.x0,
             v=self._points.rates(system.v0, system.time, system.h),
             by_stiffness=by_stiffness,
             reference_speed=self._set.history.reference_speed,
@@ -274,7 +217,7 @@ class ContactGradient:
             return
         self._set.stored_energy()
         pairs = self._set.pairs_with_energy()
-        _, scaled = energy_of_pairs(pairs, self._set.x0, self._set.law)
+        _, scaled = energy_of_pairs(pairs, self._set.accepted.x, self._set.law)
         # The sums are subtracted from the derivatives, as those of all forces are.
         self._stiffness_adjoint.add(
             pairs.identifier, -share * unit_energies(pairs, scaled, self._set.law)
@@ -296,22 +239,23 @@ class ContactGradient:
     def work_by_friction(self, w: PETSc.Vec) -> float:
         """Return w·∂r/∂c [J] by the coefficient c of friction, this rank's share; collective."""
         on_points = self._on_points(w)
-        if self._friction is None or self._set.pairs is None:
+        step = self._set.step
+        if step is None:
             return 0.0
-        return self._friction.work_by_coefficient(self._set.x0, self._set.end_points(), on_points)
+        x1 = self._set.end_points()
+        return sum(group.work_by_coefficient(x1, on_points) for group in step.groups)
 
     def work_by_stiffness(self, w: PETSc.Vec) -> float:
         """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective. All forces
-        are proportional to it, those of friction included. r is the residual of the system. The
-        forces of the pairs are computed again, so that `StepForces.point_forces` changes; without
-        pairs the result is zero."""
+        are proportional to it, those of friction included. r is the residual of the system.
+        Without pairs the result is zero."""
         assert self._stiffness.given is not None, "only a given stiffness is a parameter"
         on_points = self._on_points(w)
-        if self._set.pairs is None:
+        step = self._set.step
+        if step is None:
             return 0.0
-        forces = self._set.forces
-        forces.compute(self._set.x0, self._set.end_points())
-        return float(np.sum(on_points * forces.point_forces)) / self._stiffness.given
+        forces = step.forces(self._set.end_points())
+        return float(np.sum(on_points * forces.on_points)) / self._stiffness.given
 
     def energy_by_stiffness(self) -> float:
         """Return ∂ψ/∂K [m³] of the energy ψ at q0 by the given stiffness K, this rank's share."""

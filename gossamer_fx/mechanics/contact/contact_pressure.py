@@ -9,10 +9,10 @@ from dolfinx import la
 
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.contact_step import PairStep
 from gossamer_fx.mechanics.contact.contract import Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.curved_cells import has_middle_nodes
 from gossamer_fx.mechanics.contact.geometry.facets import EDGES_OF_CELLS
-from gossamer_fx.mechanics.contact.potential import evaluate
 
 
 @dataclass(frozen=True)
@@ -144,32 +144,16 @@ def forces_on_points(contact_set: ContactSet) -> Array:
     length times diameter.  After a restart, until the next step, it is that of the state alone.
     """
     contact_set.stored_energy()
-    points = contact_set.points
-    end = contact_set.x0
-    pairs = contact_set.pairs_of_last_step()
-    start = end
-    # Weight of the end in the configuration where forces act; 1: the state alone.
-    α = 1.0
-    if pairs is None:
-        pairs = contact_set.pairs_with_energy()
+    x = contact_set.accepted.x
+    last = contact_set.last_step()
+    if last is None:
+        pairs = PairStep.of_state(contact_set.pairs_with_energy(), x, contact_set.law)
     else:
-        system = contact_set.system
-        start = points.at(system.previous, system.time - system.h)
-        α = system.rule.alpha
-    force = np.zeros(points.count)
-    if len(pairs):
-        response = evaluate(
-            pairs,
-            start,
-            end,
-            contact_set.law,
-            α,
-            by_pair=True,
-            push_back=contact_set.forces.push_back,
-        )
-        of_pairs = np.asarray(response.forces).reshape(-1, 4, 3)
-        np.add.at(force, pairs.points, np.linalg.norm(of_pairs, axis=2))
-    of_bodies = force[: points.body_count]
+        pairs = last.of_pairs
+    force = np.zeros(contact_set.points.count)
+    _, of_pairs = pairs.forces(x)
+    np.add.at(force, pairs.pairs.points, np.linalg.norm(of_pairs, axis=2))
+    of_bodies = force[: contact_set.points.body_count]
     # Any rank may have pairs at a point.
     contact_set.mesh.shared.take_sum(of_bodies)
     return of_bodies

@@ -17,8 +17,9 @@ are collective.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,34 +28,52 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import Inadmissible
 from gossamer_fx.core.forms.c_source import c_library
-from gossamer_fx.mechanics.contact.active_set import FAR, Activation, ContactHistory, StepDistances
+from gossamer_fx.mechanics.contact.active_set import (
+    FAR,
+    Activation,
+    ContactHistory,
+    PairStiffness,
+    Selection,
+    StepDistances,
+    activate,
+)
+from gossamer_fx.mechanics.contact.assembly import BlockAssembly
 from gossamer_fx.mechanics.contact.broad_phase.candidates import (
+    Candidates,
     CandidateSearch,
     StepPoints,
     nearest_gaps,
+)
+from gossamer_fx.mechanics.contact.contact_step import (
+    PUSH_BACK,
+    ContactLaw,
+    ContactStep,
+    PairStep,
+    StepForces,
+    StepTangent,
+    begin_at,
+    energy_of_pairs,
+    groups_of,
 )
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import KEPT_GAP, LargeTurns
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, closest_points
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
     refuse_coincident,
     refuse_intersections,
     refuse_points_inside,
 )
-from gossamer_fx.mechanics.contact.pair_stiffness import PairStiffness
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs
-from gossamer_fx.mechanics.contact.potential import (
-    PUSH_BACK,
-    ContactLaw,
-    activate,
-    energy_of_pairs,
-    pair_starts,
+from gossamer_fx.mechanics.contact.pairs import (
+    TINY,
+    ActivePairs,
+    CandidatePairs,
+    PairDistances,
+    StepPairs,
+    closest_points,
+    is_boundary,
 )
-from gossamer_fx.mechanics.contact.stencils import TINY, is_boundary
-from gossamer_fx.mechanics.contact.step_forces import StepForces
 from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 
 if TYPE_CHECKING:
@@ -78,20 +97,154 @@ MIN_STATIC_WAY = 0.05
 SCALED_MARGIN = 1e-6
 
 
+@dataclass(frozen=True, eq=False)
+class AcceptedState:
+    """A contact in the accepted state of the system.
+
+    Attributes:
+        time: [s].
+        x: points (m, 3) [m] that this rank knows.
+        step: the step of a run that led here; None: there is none, or it is not known.
+        version: `history.restored` when the state was accepted: with another number the history is
+            not that of the step.
+    """
+
+    time: float
+    x: Array
+    step: ContactStep | None = None
+    version: int = 0
+
+
+class StepRules(ABC):
+    """What steps of a run and pseudo-steps of an equilibrium do not have in common.
+
+    Args:
+        points: of the contact.
+        activation_distance: of the contact [m].
+    """
+
+    def __init__(
+        self, points: ContactPoints, system: ContactAssembly, activation_distance: float
+    ) -> None:
+        self._points = points
+        self._system = system
+        self._activation_distance = activation_distance
+
+    @abstractmethod
+    def refuse_motions(self) -> None:
+        """Refuse a step in which contact cannot follow the motion of an obstacle; collective.
+
+        Raises:
+            Inadmissible: the step is then tried in parts.
+            InputError: the motion of an obstacle raises or returns other than three numbers.
+        """
+
+    @abstractmethod
+    def refuse_ways(self, step: StepDistances, activation_distance: Array) -> None:
+        """Refuse a step that is predicted to lead to the wrong side of something; collective.
+        `activation_distance`: of each candidate (n,) [m].
+
+        Raises:
+            Inadmissible: see `refuse_motions`.
+        """
+
+    @abstractmethod
+    def velocities(self, x0: Array, start_time: float, end_time: float) -> Array:
+        """Return the velocities (m, 3) [m/s] that predict the end of the step; collective."""
+
+    @abstractmethod
+    def stiffness(self, known: Array, has_energy: MaskArray, chosen: Array) -> Array:
+        """Return the stiffness (n,) [J] of pairs, of which some had energy with a `known` one and
+        the others were given a `chosen` one."""
+
+    @abstractmethod
+    def commit(self, step: ContactStep | None) -> tuple[ContactStep | None, ContactStep | None]:
+        """Return the present step after a step was accepted, and the one that led to the accepted
+        state."""
+
+    @abstractmethod
+    def find_turns(self, turns: LargeTurns, start: PairDistances, x1: Array) -> str:
+        """Report a body that turns too far in a step to x1, or return an empty clause."""
+
+
+class StepsInTime(StepRules):
+    """Steps of a run."""
+
+    def refuse_motions(self) -> None:
+        limit = MAX_DEVIATION * self._activation_distance
+        self._points.refuse_jumps(self._system.time, self._system.h, limit)
+
+    def refuse_ways(self, step: StepDistances, activation_distance: Array) -> None:
+        """Nothing is refused: the active set is extended, or the solution refused."""
+
+    def velocities(self, x0: Array, start_time: float, end_time: float) -> Array:
+        return self._points.rates(self._system.v0, start_time, self._system.h)
+
+    def stiffness(self, known: Array, has_energy: MaskArray, chosen: Array) -> Array:
+        # The stiffness of pairs that have energy is constant: with another one energy would appear.
+        return np.where(has_energy, known, chosen)
+
+    def commit(self, step: ContactStep | None) -> tuple[ContactStep | None, ContactStep | None]:
+        return None, step
+
+    def find_turns(self, turns: LargeTurns, start: PairDistances, x1: Array) -> str:
+        return turns.find(start, x1)
+
+
+class PseudoSteps(StepRules):
+    """Pseudo-steps of an equilibrium, which have no motion in time."""
+
+    def refuse_motions(self) -> None:
+        """A motion has no speed here; `refuse_ways` sees its length."""
+
+    def refuse_ways(self, step: StepDistances, activation_distance: Array) -> None:
+        """Refuse a pseudo-step in which obstacles pass through bodies as these are: Newton's
+        iteration would start on the wrong side."""
+        start = step.start
+        prescribed = self._points.prescribed
+        ways = np.linalg.norm(step.end.x[prescribed] - start.x[prescribed], axis=1)
+        if ways.max(initial=0.0) <= MIN_STATIC_WAY * self._activation_distance:
+            return
+        candidates = start.candidates
+        kept = KEPT_GAP * np.minimum(start.gap, activation_distance)
+        is_behind = is_boundary(candidates.kind) & (step.end.gap < kept)
+        everything = np.ones(len(candidates), dtype=bool)
+        passed = step.violations(activation_distance, among=everything)
+        if self._system.comm.allreduce(bool(is_behind.any() or len(passed))):
+            raise Inadmissible(
+                f"an obstacle moves by {ways.max():.3g} m, through bodies that it has to move"
+            )
+
+    def velocities(self, x0: Array, start_time: float, end_time: float) -> Array:
+        # Only obstacles move, from where they were in the accepted state.
+        moved = self._points.at(self._system.q0, end_time) - x0
+        return np.asarray(moved / self._system.h)
+
+    def stiffness(self, known: Array, has_energy: MaskArray, chosen: Array) -> Array:
+        # No energy has to be conserved, and the load may have grown.
+        return np.maximum(np.where(has_energy, known, chosen), chosen)
+
+    def commit(self, step: ContactStep | None) -> tuple[ContactStep | None, ContactStep | None]:
+        # The residual of the accepted state is asked for, too: whether it is in equilibrium.
+        return step, None
+
+    def find_turns(self, turns: LargeTurns, start: PairDistances, x1: Array) -> str:
+        # Nothing turns on a way.
+        return ""
+
+
 class ContactSet:
     """The pairs of one contact on this rank, and what a step does with them.
 
     Attributes:
-        mesh, law, activation_distance, history, system: as given.
+        mesh, law, activation_distance, history, system, friction: as given.
         pair_stiffness: stiffness of pairs that begin to touch.
         activation: gaps below which pairs have energy.
-        search: the candidate pairs.
-        forces: of the active pairs, with friction.
-        pairs: the active pairs of the step; None between steps, except in statics.
-        x0: points (m, 3) [m] at the start of the step.
+        search: finds candidate pairs.
+        accepted: the contact in the accepted state.
+        step: the present step; None between steps, except in statics.
+        forces: of the last residual, or of a state that was set.
     """
-
-    x0: Array
 
     def __init__(
         self,
@@ -109,46 +262,42 @@ class ContactSet:
         self.activation_distance = activation_distance
         self.history = history
         self.system = system
-        self._is_static = system.rule.is_static
+        self.friction = friction
         self.search = CandidateSearch(mesh, activation_distance)
         self.pair_stiffness = PairStiffness(mesh, stiffness, activation_distance, system)
         self.activation = Activation(mesh, history, activation_distance)
-        self.forces = StepForces(mesh.points, law, system, friction)
-        self.pairs: ActivePairs | None = None
+        no_points = np.zeros((mesh.points.count, 3))
+        self.accepted = AcceptedState(time=0.0, x=no_points)
+        self.step: ContactStep | None = None
+        self.forces = StepForces.zero(no_points)
+        rules = PseudoSteps if system.rule.is_static else StepsInTime
+        self._rules: StepRules = rules(mesh.points, system, activation_distance)
+        self._assembly = BlockAssembly(mesh.points, system)
+        self._tangent: StepTangent | None = None  # of the present step, at the last iterate
+        self._candidates: Candidates | None = None  # of the last search
+        # Of the present step, or the last one; None if its pairs are those of a run tape, which are
+        # complete.
+        self._selection: Selection | None = None
         self._closest = math.inf
         self._turns = LargeTurns(mesh, activation_distance, system)
-        # Of the accepted state: its energy [J] and the pairs of the step that led to it, each with
-        # `history.restored` of the time at which it was computed: another number means that it is
-        # not that of the present history.
+        # Energy [J] of the accepted state, with `history.restored` of the time at which it was
+        # computed: another number means that it is not that of the present history.
         self._energy = 0.0
-        self._restored = history.restored
-        self._accepted_pairs: ActivePairs | None = None
-        self._pairs_restored = history.restored
-        # Of the present step: its times [s], velocities (m, 3) [m/s], which candidates are active,
-        # distances of all candidates at x0, and at both ends as last solved for.  `_start_time` is
-        # that of x0: `system.time` is still the old one when terms commit, and an equilibrium sets
-        # it back by one duration before each pseudo-step.
-        self._start_time = 0.0
-        self._end_time = 0.0
-        self._v: Array = np.zeros((0, 3))
-        self._active: MaskArray = np.zeros(0, dtype=bool)
-        self._start: PairDistances | None = None
-        self._solved: StepDistances | None = None
-        # Whether the pairs of the step are those of a run tape, which are complete.
-        self._is_recorded = False
+        self._energy_version = history.restored
 
     @property
     def points(self) -> ContactPoints:
         return self.mesh.points
 
     @property
-    def friction(self) -> Friction | None:
-        return self.forces.friction
-
-    @property
     def candidates(self) -> CandidatePairs:
         """The candidate pairs of this rank."""
-        return self.search.pairs
+        return self._found().pairs
+
+    def _found(self) -> Candidates:
+        """The result of the last search."""
+        assert self._candidates is not None, "the first `commit` finds candidates"
+        return self._candidates
 
     @property
     def closest(self) -> float:
@@ -163,13 +312,13 @@ class ContactSet:
         Raises:
             InputError: layers intersect or coincide, or a point is inside a box.
         """
-        self._search_at_rest()
+        x = self._search_at_rest()
         # Intersections first: gaps between layers that intersect mean nothing.
-        refuse_intersections(self.mesh, self.x0, self.system.comm)
-        refuse_points_inside(self.mesh, self.x0)
-        gap = PairDistances.of(self.candidates, self.x0).gap
+        refuse_intersections(self.mesh, x, self.system.comm)
+        refuse_points_inside(self.mesh, x)
+        gap = PairDistances.of(self.candidates, x).gap
         nearest = nearest_gaps(self.candidates, gap, self.mesh)
-        refuse_coincident(self.mesh, self.x0, nearest, self.activation_distance)
+        refuse_coincident(self.mesh, x, nearest, self.activation_distance)
         self.activation.begin(nearest)
 
     def commit(self) -> None:
@@ -180,25 +329,31 @@ class ContactSet:
                 box.
         """
         history = self.history
-        pairs = self.pairs
-        self._start_time = self.system.time if pairs is None else self._end_time
-        self.x0 = self.points.at(self.system.q0, self._start_time)
+        step = self.step
+        # `system.time` is still the old one when terms commit.
+        time = self.system.time if step is None else step.end_time
+        self._take_state(time)
         if not history.has_begun:
-            self._start_time = self.system.time
+            self._take_state(self.system.time)
             self._set_initial_state()
         # If a state was restored since the energy was computed, its history is not that of these
         # pairs.
-        if pairs is not None and history.restored == self._restored:
+        if step is not None and history.restored == self._energy_version:
+            pairs = step.pairs
             parameters = self._known_parameters(pairs)
-            self._energy, scaled = energy_of_pairs(pairs, self.x0, self.law, parameters)
+            self._energy, scaled = energy_of_pairs(pairs, self.accepted.x, self.law, parameters)
             has_energy = scaled < 1
             history.keep(pairs.identifier[has_energy], pairs.stiffness[has_energy])
-        self._accepted_pairs = pairs
-        self._pairs_restored = history.restored
-        # In statics the residual of the accepted state is asked for, too: whether it is in
-        # equilibrium.
-        if not self._is_static:
-            self.pairs = None
+        present, accepted = self._rules.commit(step)
+        self.accepted = replace(self.accepted, step=accepted, version=history.restored)
+        self._begin(present)
+
+    def _take_state(self, time: float) -> Array:
+        """Take q0 as the accepted state at a time [s]; return its points (m, 3) [m].
+        Collective."""
+        x = self.points.at(self.system.q0, time)
+        self.accepted = replace(self.accepted, time=time, x=x)
+        return x
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
         """Return activation distances, identifiers, stiffness and reference speed of the history,
@@ -219,64 +374,54 @@ class ContactSet:
 
     def save_active_set(self) -> ActivePairs | None:
         """Return the pairs of the last accepted step that have energy at one of its ends. The
-        others have neither force nor tangent.  The column `start` is left out: it follows from the
-        points."""
-        pairs = self._accepted_pairs
+        others have neither force nor tangent."""
+        step = self.accepted.step
         # On several ranks a search changes which points a rank knows, and with them the rows of
         # pairs.
-        if pairs is None or self.system.comm.size > 1:
+        if step is None or self.system.comm.size > 1:
             return None
-        assert pairs.start is not None, "a step has the starts of its pairs"
-        # Starts have squared distances with rounded edges; `x0` is the end of the accepted step.
+        pairs = step.pairs
+        # Starts have squared distances with rounded edges.
         scaled_at_start = (pairs.start[:, 3] - pairs.offset) / pairs.width
-        _, scaled_at_end = energy_of_pairs(pairs, self.x0, self.law)
+        _, scaled_at_end = energy_of_pairs(pairs, self.accepted.x, self.law)
         is_near = np.minimum(scaled_at_start, scaled_at_end) < 1 + SCALED_MARGIN
-        return replace(pairs.rows(is_near), start=None)
+        return pairs.rows(is_near)
 
     def load_active_set(self, pairs: ActivePairs | None) -> None:
         """Start a step from the accepted state, with pairs that were recorded, or searched."""
         if pairs is None:
             self.update_active_set()
             return
-        self._is_recorded = True
-        self._end_time = self.system.time + self.system.h
+        self._selection = None
+        end_time = self.system.time + self.system.h
         # The step was accepted: whatever separates fast in it does not count as passed.
-        self.forces.push_back = 0.0
-        self._activate(pairs)
+        self._begin(self._step_of(self._from_start(pairs), end_time, push_back=0.0))
 
     def activate_present(self) -> None:
         # First of all: after a restore it searches candidates, of which the pairs are taken.
         self.stored_energy()
-        self._end_time = self.system.time
-        self._activate(self.pairs_with_energy())
+        self._selection = None
+        pairs = self._from_start(self.pairs_with_energy())
+        self._begin(self._step_of(pairs, self.system.time))
 
-    def _activate(self, pairs: ActivePairs) -> None:
-        """Let pairs without starts take part in a step from x0."""
-        pairs = replace(pairs, start=pair_starts(pairs, self.x0, *closest_points(pairs, self.x0)))
-        self.pairs = pairs
-        self.forces.set_pairs(pairs, self.x0)
+    def _from_start(self, pairs: ActivePairs) -> StepPairs:
+        """Return pairs of a step from the accepted state."""
+        x = self.accepted.x
+        return begin_at(pairs, x, *closest_points(pairs, x))
 
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
-        """Return (u, v) (n, 2) of pairs at x0; None: they are to be computed."""
-        distances = self._distances_at(self.x0)
+        """Return (u, v) (n, 2) of pairs of the last step in the accepted state; None: they are to
+        be computed."""
+        selection = self._selection
+        if selection is None:
+            return None
+        distances = selection.distances_at(self.candidates, self.accepted.x)
         if distances is None:
             return None
         # A search at the end of the step may have made other candidates than those of the pairs.
-        if not np.array_equal(self.candidates.identifier[self._active], pairs.identifier):
+        if not np.array_equal(self.candidates.identifier[selection.active], pairs.identifier):
             return None
-        return distances.closest_points(self._active)[1]
-
-    def _distances_at(self, x: Array) -> PairDistances | None:
-        """Return the distances of the candidates at points x (m, 3), if x is an end of the last
-        step that was solved; else None."""
-        solved = self._solved
-        if solved is None:
-            return None
-        # The end of a step is the start of the next one.
-        for distances in (solved.start, solved.end):
-            if distances.candidates is self.candidates and np.array_equal(distances.x, x):
-                return distances
-        return None
+        return distances.closest_points(selection.active)[1]
 
     def stored_energy(self) -> float:
         """Return the energy [J] of this rank's pairs in the accepted state; collective.
@@ -285,30 +430,28 @@ class ContactSet:
         history, which a checkpoint has for all ranks, the pairs of this rank.
         """
         history = self.history
-        if history.restored != self._restored:
-            self._restored = history.restored
-            self._start_time = self.system.time
-            self._search_at_rest()
+        if history.restored != self._energy_version:
+            self._energy_version = history.restored
+            self.accepted = replace(self.accepted, time=self.system.time)
+            x = self._search_at_rest()
             history.keep_some(np.isin(history.identifier, self.candidates.identifier))
             pairs = self.pairs_with_energy()
-            self._energy, _ = energy_of_pairs(pairs, self.x0, self.law)
-            self.forces.take_state(pairs, self.x0)
+            self._energy, _ = energy_of_pairs(pairs, x, self.law)
+            self.forces = StepForces.of_state(pairs, x, self.law)
         return self._energy if len(history.identifier) else 0.0
 
     def pairs_with_energy(self) -> ActivePairs:
         """Return this rank's pairs that have energy at q0; after `stored_energy`."""
-        pairs = self._activated(np.isin(self.candidates.identifier, self.history.identifier))
-        _, pairs.stiffness = self.history.stiffness_of(pairs.identifier)
-        return pairs
+        active = np.isin(self.candidates.identifier, self.history.identifier)
+        _, stiffness = self.history.stiffness_of(self.candidates.identifier[active])
+        return self._activated(active, stiffness)
 
-    def pairs_of_last_step(self) -> ActivePairs | None:
-        """Return this rank's pairs in the step that led to the accepted state; after
-        `stored_energy`.  None if that is not known, as of a state that was restored, and in
-        statics."""
-        pairs = self._accepted_pairs
-        if self._is_static or self._pairs_restored != self.history.restored:
+    def last_step(self) -> ContactStep | None:
+        """Return the step that led to the accepted state; after `stored_energy`.  None if that is
+        not known, as of a state that was restored, and in statics."""
+        if self.accepted.version != self.history.restored:
             return None
-        return pairs
+        return self.accepted.step
 
     # ---- the active set of a step ----
 
@@ -321,65 +464,38 @@ class ContactSet:
             Inadmissible: the motion of an obstacle jumps in the step, which is then tried in parts.
             InputError: the motion of an obstacle raises or returns other than three numbers.
         """
-        self._is_recorded = False
-        self.forces.push_back = PUSH_BACK
         system = self.system
         self.stored_energy()
-        self._end_time = system.time + system.h
-        # An equilibrium has no motion in time.
-        if not self._is_static:
-            limit = MAX_DEVIATION * self.activation_distance
-            self.points.refuse_jumps(system.time, system.h, limit)
-        self._v = self._velocities()
+        end_time = system.time + system.h
+        self._rules.refuse_motions()
         if not self.history.reference_speed:
             self.history.reference_speed = self.pair_stiffness.reference_speed(system.h)
+        points = self._predicted(end_time)
         # The present list is complete while all points are within their bounds.
-        is_complete = self.search.holds(self.x0, system.time) and self.search.holds(
-            self._predicted_end(), self._end_time
-        )
+        found = self._found()
+        is_complete = found.hold(points.x, system.time) and found.hold(points.end, end_time)
         if not is_complete:
-            self._search(self._predicted_end)
-        predicted = self._predicted_end()
+            points = self._search(lambda: self._predicted(end_time))
         self.search.begin_step()
-        self._start = self._distances_at(self.x0) or PairDistances.of(self.candidates, self.x0)
-        self._grow_activation(self._start.gap)
+        start = None
+        if self._selection is not None:
+            # The end of a step is the start of the next one.
+            start = self._selection.distances_at(self.candidates, points.x)
+        if start is None:
+            start = PairDistances.of(self.candidates, points.x)
+        self._grow_activation(start.gap)
+        activation_distance = self.activation.of(self.candidates)
         # For the predicted end; `extend_active_set` corrects it after the solution.
-        step = StepDistances(self._start, predicted, FAR * self.activation_distance)
-        if self._is_static:
-            self._refuse_long_way(step)
-        self._set_active(step.may_touch(self.activation.of(self.candidates)), self._start)
+        step = StepDistances(start, points.end, FAR * self.activation_distance)
+        self._rules.refuse_ways(step, activation_distance)
+        active = step.may_touch(activation_distance)
+        self._select(Selection(start, points.v, active), end_time)
 
-    def _velocities(self) -> Array:
-        """Return the velocities (m, 3) [m/s] that predict the end of the step.  In an equilibrium
-        only obstacles move, from where they were in the accepted state."""
-        system = self.system
-        if self._is_static:
-            moved = self.points.at(system.q0, self._end_time) - self.x0
-            return np.asarray(moved / system.h)
-        return self.points.rates(system.v0, self._start_time, system.h)
-
-    def _refuse_long_way(self, step: StepDistances) -> None:
-        """Refuse a pseudo-step of an equilibrium in which obstacles pass through bodies as these
-        are: Newton's iteration would start on the wrong side.
-
-        Raises:
-            Inadmissible: the way is longer than that which is always allowed.
-        """
-        start = step.start
-        prescribed = self.points.prescribed
-        ways = np.linalg.norm(step.end.x[prescribed] - start.x[prescribed], axis=1)
-        if ways.max(initial=0.0) <= MIN_STATIC_WAY * self.activation_distance:
-            return
-        candidates = start.candidates
-        activation_distance = self.activation.of(candidates)
-        kept = KEPT_GAP * np.minimum(start.gap, activation_distance)
-        is_behind = is_boundary(candidates.kind) & (step.end.gap < kept)
-        everything = np.ones(len(candidates), dtype=bool)
-        passed = step.violations(activation_distance, among=everything)
-        if self.system.comm.allreduce(bool(is_behind.any() or len(passed))):
-            raise Inadmissible(
-                f"an obstacle moves by {ways.max():.3g} m, through bodies that it has to move"
-            )
+    def _predicted(self, end_time: float) -> StepPoints:
+        """Return the points of the present step, at the end as without forces; collective."""
+        x = self.accepted.x
+        v = self._rules.velocities(x, self.accepted.time, end_time)
+        return StepPoints(x, v, np.ascontiguousarray(x + self.system.h * v))
 
     def set_static_load(self, force: float, tensions: Mapping[str, float]) -> None:
         self.pair_stiffness.set_static_load(force, tensions)
@@ -394,41 +510,37 @@ class ContactSet:
         energy, stiffness = self.system.comm.allreduce(own_sums)
         return self.pair_stiffness.stiffen(float(energy / max(stiffness, TINY)))
 
-    def _predicted_end(self) -> Array:
-        """Return the points (m, 3) [m] at the end of a step without forces."""
-        return np.ascontiguousarray(self.x0 + self.system.h * self._v)
-
-    def _search(self, end: Callable[[], Array]) -> None:
-        """Find candidates for the present step, of which `end` returns the points (m, 3) [m]. The
-        search may change which points this rank knows: whatever has a row for each point is asked
-        for again."""
+    def _search(self, read: Callable[[], StepPoints]) -> StepPoints:
+        """Find candidates for the present step, of which `read` returns the points.  The search may
+        change which points this rank knows: they are read again, and returned."""
         system = self.system
+        time = self.accepted.time
 
-        def read() -> StepPoints:
-            self.x0 = self.points.at(system.q0, self._start_time)
-            self._v = self._velocities()
-            return StepPoints(self.x0, self._v, end())
+        def read_again() -> StepPoints:
+            self._take_state(time)
+            return read()
 
         # The tables of the last search are freed before the next one makes its own.
-        self._start = None
-        self._solved = None
+        self._selection = None
         self.activation.forget_pairs()
-        self.search.find(read, system.time, system.h)
+        self._candidates = self.search.find(read_again, system.time, system.h)
+        points = read_again()
+        if system.comm.size > 1:
+            self.forces = StepForces.zero(points.x)
         self.activation.update_points()
+        return points
 
-    def _search_at_rest(self) -> None:
-        """Find candidates about the points of the accepted state, as if they did not move."""
-
-        def read() -> Array:
-            self.x0 = self.points.at(self.system.q0, self._start_time)
-            return self.x0
-
-        self.search.find_at_rest(read, self._start_time)
+    def _search_at_rest(self) -> Array:
+        """Find candidates about the points of the accepted state, as if they did not move; return
+        these points (m, 3) [m]."""
+        time = self.accepted.time
+        self._candidates = self.search.find_at_rest(lambda: self._take_state(time), time)
         if self.system.comm.size > 1:
             # Rows of pairs and forces are those of points that this rank knew before.
-            self.pairs = None
-            self.forces.clear()
+            self._begin(None)
+            self.forces = StepForces.zero(self.accepted.x)
         self.activation.update_points()
+        return self.accepted.x
 
     def _grow_activation(self, gap: Array) -> None:
         """Let activation distances grow with the gaps (n,) [m] at the start of the step;
@@ -438,79 +550,92 @@ class ContactSet:
         self._closest = min(self._closest, float(nearest.min(initial=np.inf)))
         self.activation.grow(nearest)
 
-    def _activated(self, active: MaskArray) -> ActivePairs:
-        """Return the candidates of a mask (n,) as active pairs without stiffness."""
+    def _activated(self, active: MaskArray, stiffness: Array) -> ActivePairs:
+        """Return the candidates of a mask (n,) as active pairs with a stiffness (k,) [J]."""
         activation_distance = self.activation.of(self.candidates)[active]
-        return activate(self.candidates.rows(active), activation_distance, self.law)
+        return activate(self.candidates.rows(active), activation_distance, stiffness, self.law)
 
-    def _set_active(self, active: MaskArray, start: PairDistances) -> None:
-        """Let candidates (mask (n,)) take part in the step, with their distances at its start:
-        choose their stiffness and the tangent's pattern."""
-        squared_distance, parameters = start.closest_points(active)
-        pairs = self._activated(active)
-        # The stiffness of pairs that have energy is constant: with another one energy would appear.
-        has_energy, stiffness = self.history.stiffness_of(pairs.identifier)
+    def _select(self, selection: Selection, end_time: float) -> None:
+        """Begin a step with the candidates that a selection has: choose their stiffness and the
+        tangent's pattern.  Collective."""
+        active = selection.active
+        x0 = self.accepted.x
+        candidates = self.candidates.rows(active)
+        squared_distance, parameters = selection.start.closest_points(active)
+        has_energy, known = self.history.stiffness_of(candidates.identifier)
         chosen = self.pair_stiffness.choose(
-            self.candidates.rows(active),
-            squared_distance,
-            self.x0,
-            self._v,
-            self.history.reference_speed,
+            candidates, squared_distance, x0, selection.v, self.history.reference_speed
         )
-        pairs.stiffness = np.where(has_energy, stiffness, chosen)
-        if self._is_static:
-            # In statics no energy has to be conserved, and the load may have grown.
-            pairs.stiffness = np.maximum(pairs.stiffness, chosen)
-        pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
-        self._active = active
-        self.pairs = pairs
-        self.forces.set_pairs(pairs, self.x0)
+        pairs = self._activated(active, self._rules.stiffness(known, has_energy, chosen))
+        self._selection = selection
+        self._begin(self._step_of(begin_at(pairs, x0, squared_distance, parameters), end_time))
+
+    def _step_of(
+        self, pairs: StepPairs, end_time: float, push_back: float = PUSH_BACK
+    ) -> ContactStep:
+        """Return the step with some pairs from the accepted state to a time [s]; collective."""
+        alpha = self.system.rule.alpha
+        of_pairs = PairStep(pairs, self.accepted.x, self.law, alpha, push_back)
+        groups = groups_of(of_pairs, self.points)
+        if self.friction is not None:
+            groups += self.friction.groups(of_pairs)
+        pattern = self._assembly.couple([group.block_rows for group in groups])
+        return ContactStep(of_pairs, self.accepted.time, end_time, groups, pattern)
+
+    def _begin(self, step: ContactStep | None) -> None:
+        """Take a step as the present one; the tangent of another one is not known yet."""
+        if step is not self.step:
+            self._tangent = None
+        self.step = step
 
     def exchange_ends(self) -> None:
         """Reverse the step: the accepted state and time of the system are its new start. Gradients
-        need the reversed step: its force is the same if pairs, stiffness and activation distances
-        are.  Friction differs, and is left out: `ContactGradient` has it."""
-        pairs = self.pairs
-        if pairs is None:
+        need the reversed step."""
+        step = self.step
+        if step is None:
             return
-        self.x0 = self.points.at(self.system.q0, self.system.time)
-        self._start_time = self.system.time
-        self._end_time = self.system.time + self.system.h
-        self.pairs = self.forces.reverse(pairs, self.x0)
+        time = self.system.time
+        x = self._take_state(time)
+        self._begin(step.reversed(x, time, time + self.system.h))
 
     def extend_active_set(self) -> bool:
         """Add pairs that are near at the end of a step, or were passed on the way; return whether
         there were any on any rank.  They were left out because the end was only predicted.  A step
         with recorded pairs is complete."""
-        if self._is_recorded:
+        selection = self._selection
+        if selection is None:
             return False
+        assert self.step is not None, "a step begins with `update_active_set`"
+        end_time = self.step.end_time
         x1 = self.end_points()
-        assert self._start is not None, "a step begins with `update_active_set`"
-        if not self.search.holds(x1, self._end_time):
-            identifier = self.candidates.identifier[self._active]
-            self._search(self.end_points)
-            x1 = self.end_points()
-            self._start = PairDistances.of(self.candidates, self.x0)
-            self._active = np.isin(self.candidates.identifier, identifier)
+        if not self._found().hold(x1, end_time):
+            identifier = self.candidates.identifier[selection.active]
+            points = self._search(lambda: replace(self._predicted(end_time), end=self.end_points()))
+            x1 = points.end
+            active = np.isin(self.candidates.identifier, identifier)
+            start = PairDistances.of(self.candidates, points.x)
+            selection = Selection(start, points.v, active)
             if self.system.comm.size > 1:
                 # The points of the pairs have other numbers now; forces are those of the last
                 # residual.
-                self._set_active(self._active, self._start)
-                self.forces.compute(self.x0, x1)
-        step = StepDistances(self._start, x1, FAR * self.activation_distance)
-        self._solved = step
+                self._select(selection, end_time)
+                self.forces = self._forces_at(x1)
+        step = StepDistances(selection.start, x1, FAR * self.activation_distance)
+        selection = replace(selection, solved=step)
+        self._selection = selection
         activation_distance = self.activation.of(self.candidates)
-        missing = step.missing(activation_distance, self._active)
+        missing = step.missing(activation_distance, selection.active)
         if not self.system.comm.allreduce(bool(missing.any())):
             return False
         # Pairs are only added: taking some out could alternate without an end.
-        may_touch = step.may_touch(activation_distance)
-        self._set_active(self._active | missing | may_touch, self._start)
+        active = selection.active | missing | step.may_touch(activation_distance)
+        self._select(replace(selection, active=active), end_time)
         return True
 
     def end_points(self) -> Array:
         """Return the points (m, 3) [m] at the end of the step, as iterated."""
-        return self.mesh.points.at(self.system.q1, self._end_time)
+        assert self.step is not None, "a step begins with `update_active_set`"
+        return self.points.at(self.system.q1, self.step.end_time)
 
     def inadmissible(self) -> str:
         """Report what passed through something else in the step, or all but did: a clause that
@@ -518,16 +643,19 @@ class ContactSet:
         if the step is admissible.  The same on every rank."""
         comm = self.system.comm
         x1 = self.end_points()
-        # `_solved` has the gaps at both ends of the step as `extend_active_set` last saw it.  What
-        # is added here is found below.
-        if comm.allreduce(self._solved is None or not np.array_equal(x1, self._solved.end.x)):
+        assert self._selection is not None, "a recorded step was accepted"
+        solved = self._selection.solved
+        # It has the gaps at both ends of the step as `extend_active_set` last saw it.  What is
+        # added here is found below.
+        if comm.allreduce(solved is None or not np.array_equal(x1, solved.end.x)):
             self.extend_active_set()
-        solved = self._solved
-        assert solved is not None and self._start is not None
+        selection = self._selection
+        solved = selection.solved
+        assert solved is not None
         candidates = self.candidates
         behind_boundaries = is_boundary(candidates.kind) & (solved.end.gap <= 0)
-        passed = np.isin(candidates.identifier, self.forces.identifiers_of_passed(self.x0, x1))
-        violations = solved.violations(self.activation.of(candidates), among=self._active)
+        passed = np.isin(candidates.identifier, self._forces_at(x1).identifiers_of_passed())
+        violations = solved.violations(self.activation.of(candidates), among=selection.active)
         rows = [violations, np.flatnonzero(passed), np.flatnonzero(behind_boundaries)]
         wrong = np.concatenate(rows)
         message = ""
@@ -539,17 +667,19 @@ class ContactSet:
             x, y, z = x1[point]
             message = f"'{one}' would pass through '{other}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
         message = next(filter(None, comm.allgather(message)), "")
-        # In an equilibrium nothing turns on a way.
-        if message or self._is_static:
-            return message
-        return self._turns.find(self._start, x1)
+        return message or self._rules.find_turns(self._turns, selection.start, x1)
 
     def limit_update(self, update: Array) -> None:
         """Shorten a Newton update in place, node by node, to `MAX_UPDATE` activation distances."""
         longest = MAX_UPDATE * self.activation_distance
         for body in self.mesh.bodies:
             owned = self.system.block(body).owned
-            rows = update[owned].reshape(-1, body.block.size)
+            # Most updates are so small that no coordinate comes near the limit.
+            of_body = update[owned]
+            largest = max(of_body.max(initial=0.0), -of_body.min(initial=0.0))
+            if math.sqrt(3) * largest < longest:
+                continue
+            rows = of_body.reshape(-1, body.block.size)
             x, y, z = rows[:, :3].T
             way = np.sqrt(x * x + z * z + y * y)
             # A whole node keeps the direction of its update.
@@ -558,41 +688,58 @@ class ContactSet:
 
     # ---- forces ----
 
+    def _forces_at(self, x1: Array) -> StepForces:
+        """Return the forces of the present step at its end x1 (m, 3) [m]: those of the last
+        residual if they are."""
+        assert self.step is not None, "forces are those of a step"
+        if self.forces.step is self.step and bool((self.forces.x1 == x1).all()):
+            return self.forces
+        return self.step.forces(x1)
+
     def add_forces(self, r: PETSc.Vec) -> None:
-        if self.pairs is not None:
-            self.forces.compute(self.x0, self.end_points())
-            self.mesh.points.add(self.forces.point_forces, r)
+        if self.step is not None:
+            self.forces = self.step.forces(self.end_points())
+            self.points.add(self.forces.on_points, r)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the blocks on the diagonal of the tangent [N/m]; `coupling_matrices` has the others.
         Between steps zeros reserve these blocks in the pattern."""
-        if self.pairs is None:
-            self.forces.assembly.reserve_diagonal(A)
+        step = self.step
+        if step is None:
+            self._assembly.reserve_diagonal(A)
             return
-        self.forces.add_tangents(A, self.x0, self.end_points())
+        forces = self._forces_at(self.end_points())
+        self._tangent = step.tangent(forces, self.system.geometric, last=self._tangent)
+        step.pattern.add_diagonal(A, self._tangent.blocks)
 
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
-        coupling = None if self.pairs is None else self.forces.assembly.coupling(diagonal)
+        tangent = self._tangent
+        if tangent is None:
+            return []
+        entries = tangent.entries
+        if diagonal is not None:
+            entries = tangent.pattern.strong(entries, diagonal)
+        coupling = tangent.pattern.matrix(entries)
         return [] if coupling is None else [coupling]
 
     def coupling_blocks(self) -> CouplingBlocks | None:
-        return None if self.pairs is None else self.forces.assembly.coupling_blocks()
+        tangent = self._tangent
+        return None if tangent is None else tangent.pattern.blocks(tangent.entries)
 
     # ---- energy balance of a step ----
 
     def supplied(self) -> float:
         """Return the work [J] of prescribed obstacles in the step, this rank's share."""
         prescribed = self.points.prescribed
-        if self.pairs is None or not len(prescribed):
+        if self.step is None or not len(prescribed):
             return 0.0
-        displacement = self.end_points()[prescribed] - self.x0[prescribed]
-        return float(np.sum(self.forces.point_forces[prescribed] * displacement))
+        displacement = self.end_points()[prescribed] - self.step.x0[prescribed]
+        return float(np.sum(self.forces.on_points[prescribed] * displacement))
 
     def dissipated(self) -> Array:
         """Return the energy [J] that friction dissipates in the step, this rank's share."""
-        friction = self.friction
-        if friction is None:
+        if self.friction is None:
             return np.zeros(0)
-        if self.pairs is None:
+        if self.step is None:
             return np.zeros(1)
-        return np.array([friction.loss(self.x0, self.end_points())])
+        return np.array([self.step.loss(self.end_points())])

@@ -23,7 +23,7 @@ from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array, Attached, Ground, Indices, Port, Vector, unit
 from gossamer_fx.mechanics.bodies.frames import along, ground_frame
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.contact.stencils import (
+from gossamer_fx.mechanics.contact.pairs import (
     EdgeEdge,
     PairStencil,
     PointInCylinder,

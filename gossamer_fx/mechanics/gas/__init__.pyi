@@ -3,7 +3,6 @@ from .film_area import FilmArea as FilmArea
 from .ideal_gas import PolynomialGas as PolynomialGas
 from .mixture import Mixture as Mixture
 from .openings import FilmHeat as FilmHeat
-from .openings import LinearTable as LinearTable
 from .openings import Pipe as Pipe
 from .openings import PorousFilm as PorousFilm
 from .openings import Valve as Valve
@@ -14,4 +13,5 @@ from .sources import Blower as Blower
 from .sources import Inflator as Inflator
 from .sources import Regulator as Regulator
 from .sources import Sublimation as Sublimation
+from .tables import LinearTable as LinearTable
 from .volumes import Ambient as Ambient

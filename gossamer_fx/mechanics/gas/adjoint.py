@@ -21,35 +21,34 @@ Equations.  With μ and ν the adjoint vectors of (1) and (2),
 
 U0 is not an unknown: the accepted state has U0 = U(p0 V0, m0), see `mixture`.
 
-Idea.  All derivatives of F follow from one evaluation of the balance in dual numbers, the weights θ
-included.  W is odd in the ends of the step, so that ∂W/∂q0 is -∂W/∂q1 of the reversed step.
+Idea.  All derivatives of F, those by the weights θ included, follow from the compiled laws of the
+network (`Balance.all_derivatives`).  W is odd in the ends of the step, so that ∂W/∂q0 is -∂W/∂q1 of
+the reversed step.
 
 Algorithm.  For each step, last first:
 
-1. `linearise` evaluates F in dual numbers where the step was solved.
+1. `linearise` takes the derivatives of F where the step was solved.
 2. The caller solves (3), see `analysis.sensitivity.backward`.
 3. `take` sums up (4) and (7), and what (5) and (6) need.
 4. After the ends of the step have changed places `carry` adds (5) and (6).
 
 At the first step `finish` adds what the initial pressures and temperatures of the chambers give.
 
-Cost: the balance of n chambers with some 10 n derivatives of each number, about a millisecond for
-three. Limits: there are no derivatives by the gas itself (γ, R), but by the fractions of a mixture;
-of an area that a function of time gives, there is the one by a number that multiplies it.
+Cost: some microseconds for three chambers; the laws are compiled once more, with the derivatives of
+the slopes.  Limits: there are no derivatives by the gas itself (γ, R), but by the fractions of a
+mixture; of an area that a function of time gives, there is the one by a number that multiplies it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from gossamer_fx.core.algebra.dual_numbers import Number, jacobian, variables
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.gas.balance import Balance, HeatPath, Passage
+from gossamer_fx.mechanics.gas.balance import Balance, Passage
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
     Discharge,
@@ -89,16 +88,6 @@ class SolvedGas(Protocol):
 
     def exchange_ends(self) -> None:
         """Evaluate the geometry in the reversed step."""
-
-
-@dataclass
-class _Boundary(Holder):
-    """A boundary of constant state, with dual numbers for its state."""
-
-    name: str
-    pressure: Number
-    temperature: Number
-    gas: Gas | None = None
 
 
 class GasAdjoint:
@@ -185,63 +174,13 @@ class GasAdjoint:
     # ---- a step ----------------------------------------------------------------------------------
 
     def linearise(self, h: float) -> None:
-        """Take the derivatives of the mass and energy balance F at the solved step, in dual
-        numbers; F is divided by the network's scales, as the residual of a step is."""
+        """Take the derivatives of the mass and energy balance F at the solved step; F is divided by
+        the network's scales, as the residual of a step is."""
         network = self._network
-        parts: list[tuple[str, Array]] = [
-            ("p0", np.array([state.pressure for state in network.chambers])),
-            ("m0", np.concatenate([state.masses for state in network.chambers])),
-            ("V0", np.array([state.volume for state in network.chambers])),
-            ("y", network.y),
-            ("V", network.volumes),
-            ("W", network.swept),
-            ("area", np.array([passage.area for passage in self._passages])),
-            ("conductance", np.array([path.conductance(0.0) for path in self._walls])),
-            ("wall temperature", np.array([path.temperature for path in self._walls])),
-            ("holder pressure", np.array([holder.pressure for holder in self._holders])),
-            ("holder temperature", np.array([holder.temperature for holder in self._holders])),
-        ]
-        values = np.concatenate([values for _, values in parts])
-        numbers = variables(values)
-        columns: dict[str, slice] = {}
-        begin = 0
-        for name, part in parts:
-            columns[name] = slice(begin, begin + len(part))
-            begin += len(part)
-        x = {name: numbers[columns[name]] for name in columns}
-        F = self._balance(x, h)
-        scaled = jacobian(F, len(values)) / network.scale[:, None]
-        self._of_balance = {name: scaled[:, columns[name]] for name in columns}
+        found = network.balance.all_derivatives(network.y, network.volumes, network.swept)
+        scale = network.scale[:, None]
+        self._of_balance = {name: slopes / scale for name, slopes in found.items()}
         self._h = h
-
-    def _balance(self, x: dict[str, Array], h: float) -> Array:
-        """Residual F (n + s,) of energy [J] and mass [kg] of a step of length h [s], in dual
-        numbers x of all quantities by which it is derived, by the names of `linearise`, e.g. "p0"
-        (n,) [Pa], "V" (n,) [m³]."""
-        network = self._network
-        holders: dict[int, _Boundary] = {}
-        states = zip(self._holders, x["holder pressure"], x["holder temperature"], strict=True)
-        for holder, pressure, temperature in states:
-            holders[id(holder)] = _Boundary(holder.name, pressure, temperature)
-        passages = []
-        for passage, area in zip(self._passages, x["area"], strict=True):
-            first, second = (
-                end if isinstance(end, int) else holders[id(end)] for end in passage.ends
-            )
-            passages.append(
-                replace(passage, ends=(first, second), aperture=_constant(area), area=area)
-            )
-        walls = []
-        wall_states = zip(self._walls, x["conductance"], x["wall temperature"], strict=True)
-        for path, conductance, temperature in wall_states:
-            given = _constant_wall(temperature, conductance)
-            walls.append(HeatPath(path.wall, path.chamber, given))
-        balance = Balance(contents=network.contents, passages=passages, walls=walls)
-        # Internal energy [J] at the start
-        U0 = network.contents.energies(x["p0"] * x["V0"], x["m0"])
-        # The areas of the step are given, so the time at which apertures are taken does not count.
-        balance.begin(h, 0.0, p=x["p0"], m=x["m0"], U=U0, V=x["V0"])
-        return balance.residual(x["y"], x["V"], x["W"])
 
     def take(self, ν: Array, μ: Array) -> Array:
         """Add a step to the sums of all parameters; return derivatives of the result by the n
@@ -279,7 +218,8 @@ class GasAdjoint:
         self._to_areas = []
         for passage, derivative in zip(self._passages, by_area, strict=True):
             opening = passage.opening
-            if not isinstance(opening, Discharge):
+            # A valve that is closed in the step stays so, whatever its area.
+            if not (isinstance(opening, Discharge) and passage.is_open):
                 continue
             coefficient = 1.0
             if name := _factor_of(opening):
@@ -298,8 +238,8 @@ class GasAdjoint:
         """Add derivatives by conductances [W/K] or coefficients [W/(m² K)], temperatures [K] and
         pressures [Pa] of walls, reservoirs and surroundings to their sums, with the adjoint ν
         (n + s,) of the scaled balance.  Those by areas of films are stored for `carry`."""
-        by_conductance = -ν @ self._of_balance["conductance"]
-        by_temperature = -ν @ self._of_balance["wall temperature"]
+        by_walls = (-ν @ self._of_balance["wall"]).reshape(-1, 2)
+        by_temperature, by_conductance = by_walls.T
         for j, path in enumerate(self._walls):
             wall = path.wall
             name, _ = _coefficient_of(wall)
@@ -312,11 +252,11 @@ class GasAdjoint:
                 self._to_areas.append((moving, gradient, getattr(wall, name) * by_conductance[j]))
             self._add(wall, name, size * by_conductance[j])
             self._add(wall, "temperature", by_temperature[j])
-        by_pressure = -ν @ self._of_balance["holder pressure"]
-        by_temperature = -ν @ self._of_balance["holder temperature"]
-        for j, holder in enumerate(self._holders):
-            self._add(holder, "pressure", by_pressure[j])
-            self._add(holder, "temperature", by_temperature[j])
+        by_boundaries = (-ν @ self._of_balance["boundary"]).reshape(-1, 2)
+        boundaries = self._network.balance.boundaries
+        for holder, slopes in zip(boundaries, by_boundaries, strict=True):
+            self._add(holder, "pressure", slopes[0])
+            self._add(holder, "temperature", slopes[1])
 
     def _add(self, item: object, name: str, derivative: float) -> None:
         """Add a derivative of the result to the sum of a parameter."""
@@ -383,16 +323,6 @@ class GasAdjoint:
             mass_changes = fraction_changes * state.mass - state.masses * R_change / gas.R
             derivative = by_masses @ mass_changes
             self._add(state.chamber, FRACTION + one.name, derivative)
-
-
-def _constant(area: Number) -> Any:
-    """An `Aperture` of constant area [m²]."""
-    return lambda h, t: area
-
-
-def _constant_wall(temperature: Number, conductance: Number) -> Any:
-    """A `WallState` of constant temperature [K] and conductance [W/K]."""
-    return lambda h: (temperature, lambda T: conductance)
 
 
 def _factor_of(opening: Discharge) -> str:

@@ -38,10 +38,26 @@ Algorithm.  In every step:
    iterate, by Newton's method with backtracking.
 3. `derivatives` gives the Jacobian with respect to y and V, by which the bodies see the gas.
 4. `rates` gives the sums of (1) and (2) from which the accepted state is summed.
+5. `all_derivatives` gives those with respect to the start of the step, areas, boundaries and walls,
+   with those of θ, for gradients of runs (`gas.adjoint`).
 
-The equations are written for any numbers that add, multiply and compare: for dual numbers in arrays
-of objects `residual` gives its derivatives with respect to the start of the step, too
-(`gas.adjoint`).
+All of this is C (kernels/network.c), for every network.  Flows, heats and properties of gases are
+laws (`gas.laws`), which it calls by their addresses; the network itself is data.
+
+Gas at rest.  A closed chamber at rest is a function of its volume V, whatever the way to it.  The
+work p̄ W of a time step is not: its sum over pseudo-steps depends on their number.  While an
+equilibrium is looked for, the energy balance is replaced by one of
+
+    adiabatic        U1 = U0 (V0/V)^(γ - 1) + flows,    so that p V^γ = const if closed         (6)
+    isothermal       p1 V = m1 R T0                                                             (7)
+    held pressure    p1 = p0,   m1 = p0 V/(R T0)                                                (8)
+
+with the pressure p0, volume V0, energy U0 and temperature T0 at the start of a pseudo-step; for
+mixtures γ is that of the start.  Steps of (6) compose exactly.  Heat of (7) and gas of (8) count as
+supplied.  An adiabatic chamber cools while its film unfolds: a bag that takes ten times its first
+volume ends at 0.4 of its first temperature.  At rest a film has the temperature of its
+surroundings, or its pressure is held by a blower: (7) and (8).  Where gas flows through an opening
+during the search, (6) depends on the pseudo-steps.
 
 Cost: one dense solve of 2n equations in an iteration for n chambers of one species, which is
 negligible next to the bodies.  Arrays over chambers have the shape (n,), those over the masses of
@@ -52,33 +68,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
-from gossamer_fx.core.algebra.dual_numbers import Dual, Number
+from gossamer_fx.core.forms.c_source import c_library, check_indices
+from gossamer_fx.core.laws.law import Law, compile_law
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.gas import laws
 from gossamer_fx.mechanics.gas.contract import (
     Aperture,
-    Conductance,
+    CompiledWall,
     Gas,
     Holder,
     Opening,
     Wall,
-    WallState,
 )
-from gossamer_fx.mechanics.gas.mixture import Blend, Contents
+from gossamer_fx.mechanics.gas.mixture import Contents
 
-# Pressure [Pa], temperature [K] and gas at one end of an opening; complex for derivatives
-State = tuple[Number, Number, Gas]
+HEADER = Path(__file__).parent / "kernels" / "network.h"
 
 # An end of an opening: the number of a chamber, or a boundary of constant state.
 End = int | Holder
-
-# Complex-step derivatives have no cancellation, so the step is as small as possible; its square
-# (1e-60) is negligible in double precision next to any quantity of a network.
-COMPLEX_STEP = 1e-30
-STEP = 1j * COMPLEX_STEP
 
 # Scaled residual of a solution.  Round-off of the sums is some 1e-15; a factor of 100 is left for
 # networks with many openings.
@@ -98,20 +111,24 @@ MAX_HALVINGS = 30
 # temperature exist for positive values only.
 MIN_REMAINING_SHARE = 0.1
 
-# Coefficient of the second term of (5).  It keeps 1 - θ below a quarter of Ψ*²/(2z²) ≈ 0.05/z².
-DAMPING_COEFFICIENT = 40
-
 # Relative pressure difference at which the conductance of an opening at rest is measured: inside
 # the laminar range of `Orifice`, where the law is linear, and far above round-off.
 REST_DIFFERENCE = 1e-9
 
-# Difference of temperatures [K] over which the slope of a conductance is measured.  It belongs to
-# the user, so that complex steps may fail; Newton's method needs no more than some eight digits.
-CONDUCTANCE_STEP = 1e-3
-
 # Share of amplified or cancelled round-off in the scale of a residual: 1e-3 of it times
 # RESIDUAL_TOLERANCE is the round-off 1e-16 that such a sum has.
 ROUND_OFF_SHARE = 1e-3
+
+# Share of the volume at the start below which (6) is continued as a constant: Newton's iterates may
+# have volumes that are zero or negative.
+SMALLEST_VOLUME = 1e-6
+
+# What stays constant in the chambers of an equilibrium, and their numbers in C
+IN_TIME = "in time"
+ADIABATIC = "adiabatic"
+ISOTHERMAL = "isothermal"
+HELD_PRESSURE = "held pressure"
+PROCESSES = (IN_TIME, ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
 
 
 @dataclass
@@ -123,8 +140,6 @@ class Passage:
         ends: numbers of chambers, or boundaries.
         gases: the gases of boundaries; None at chambers.
         carried: the only gas that it carries; None: that of the end from which the flow comes.
-        rows: `rows[u][e]` are, for gas that comes from the end u, the numbers of its species at the
-            end e: positions among the masses of a chamber, or among all species for a boundary.
         aperture: effective area as a function of step length and time.
         area: that of the current step, C_d A [m²].
         was_open: whether a `Switch` was open in the last accepted step.
@@ -136,9 +151,8 @@ class Passage:
     ends: tuple[End, End]
     gases: tuple[Gas | None, Gas | None]
     carried: Gas | None
-    rows: list[list[list[int]]]
     aperture: Aperture
-    area: Number = 0.0
+    area: float = 0.0
     was_open: bool = True
     is_open: bool = True
     is_driven: bool = False
@@ -151,24 +165,16 @@ class HeatPath:
     Attributes:
         wall: the item of the scene.
         chamber: number of the chamber that it heats.
-        state_in: temperature and conductance of the wall in a step.
+        compiled: the wall in the running scene.
         temperature: of the wall in the current step [K].
-        conductance: that of the current step.
-        weight: of the end of the step in the temperature of the gas, ½ to 1.
+        size: factor of its coefficient of heat transfer in the current step.
     """
 
     wall: Wall
     chamber: int
-    state_in: WallState
-    temperature: Number = 0.0
-    conductance: Conductance = lambda T: 0.0
-    weight: Number = 0.5
-
-    def slope(self, T: float) -> float:
-        """Derivative [W/K²] of the conductance by the temperature of the gas [K]."""
-        above = self.conductance(T + CONDUCTANCE_STEP)
-        below = self.conductance(T - CONDUCTANCE_STEP)
-        return float(above - below) / (2 * CONDUCTANCE_STEP)
+    compiled: CompiledWall
+    temperature: float = 0.0
+    size: float = 0.0
 
 
 @dataclass
@@ -177,11 +183,56 @@ class Rates:
     openings and walls: mass flows [kg/s] of the species into the chambers (s,), enthalpy flow with
     heat [W] into each chamber (n,), and both from all boundaries and walls."""
 
-    openings: list[Number]
+    openings: Array
     mass: Array
     energy: Array
-    mass_supplied: Number
-    energy_supplied: Number
+    mass_supplied: float
+    energy_supplied: float
+
+
+class _States:
+    """The states of gas in a network as the arrays of C: chambers, then boundaries.
+
+    Attributes:
+        species: the species of each state.
+        boundaries: the boundary of each state that is none of a chamber.
+        ends: numbers of the states at the ends of each opening (m, 2).
+        fractions: mass fractions of the boundaries, one after another behind zeros for chambers.
+    """
+
+    def __init__(self, contents: Contents, passages: Sequence[Passage]) -> None:
+        self.species: list[Sequence[Gas]] = [
+            [contents.gases[row] for row in rows] for rows in contents.rows
+        ]
+        self.boundaries: list[Holder] = []
+        self.ends = np.zeros((len(passages), 2), dtype=np.int32)
+        fractions = [0.0] * len(contents.gases)
+        for i, passage in enumerate(passages):
+            for side, (end, gas) in enumerate(zip(passage.ends, passage.gases, strict=True)):
+                if isinstance(end, int):
+                    self.ends[i, side] = end
+                    continue
+                assert gas is not None, "A boundary has a gas."
+                self.ends[i, side] = len(self.species)
+                self.species.append(gas.species)
+                self.boundaries.append(end)
+                fractions.extend(float(share) for share in gas.fractions)
+        self.fractions: Array = np.array(fractions)
+
+    def carried_by(self, number: int, passage: Passage) -> list[Gas]:
+        """The species that may flow through an opening, by its number."""
+        if passage.carried is not None:
+            return list(passage.carried.species)
+        first, second = self.ends[number]
+        return list(dict.fromkeys([*self.species[first], *self.species[second]]))
+
+    def local_numbers(self, number: int, gas: Gas) -> list[int]:
+        """The numbers of a species in the states at both ends of an opening; -1 for none."""
+        found = []
+        for state in self.ends[number]:
+            own = list(self.species[state])
+            found.append(own.index(gas) if gas in own else -1)
+        return found
 
 
 class Balance:
@@ -189,95 +240,304 @@ class Balance:
 
     In the methods y (n + s,) are pressures [Pa], then masses [kg], V (n,) [m³] volumes at the end
     of the step, W (n,) [m³] the volumes that the enclosures sweep, and `magnitude` (n,) [m³] sums
-    of the sizes of the summands of each volume, of which round-off is a part.  `begin` stores the
-    state at the start: `_p0` [Pa], `_m0` (s,) [kg], `_U0` [J], `_pV0` [J] and `temperatures` [K];
-    `h` [s] is the length of the step.
+    of the sizes of the summands of each volume, of which round-off is a part.
+
+    Attributes:
+        contents: the gas of the chambers.
+        passages, walls: the network.
+        h: length of the step [s].
+        temperatures: of the chambers at the start of the step [K] (n,).
+        process: `IN_TIME`, or what stays constant in an equilibrium.
     """
 
-    # Whether the work p̄ W is in the equations.
-    depends_on_swept_volume = True
-
-    def __init__(self, contents: Contents, passages: list[Passage], walls: list[HeatPath]) -> None:
-        n = contents.n
-        self.h = 0.0
-        self.temperatures: Array = np.zeros(n)
+    def __init__(
+        self,
+        contents: Contents,
+        passages: list[Passage],
+        walls: list[HeatPath],
+        comm: MPI.Intracomm,
+        process: str = IN_TIME,
+    ) -> None:
+        """Compile the laws of the network.  Collective."""
         self.contents = contents
         self.passages = passages
         self.walls = walls
+        self.process = process
+        self._comm = comm
+        self._c = c_library(HEADER, comm)
+        self._states = _States(contents, passages)
+        # Laws live as long as C may call them; those of Python raise errors.
+        self._laws: list[Law] = []
+        n = contents.n
         self._n = n
-        # ½ is the midpoint rule; `begin` replaces it.
-        self._weights: Array = np.full(n, 0.5)
-        self._amplification: Array = np.zeros(n)
+        s = len(contents.gases)
+        m = len(passages)
+        w = len(walls)
+        self._size = n + s
+        self._of_step(n, s, m, w)
+        fields = self._species() | self._openings() | self._walls() | self._step_fields()
+        fields |= {
+            "chamber_count": n,
+            "mass_count": s,
+            "opening_count": m,
+            "wall_count": w,
+            "boundary_count": len(self._states.boundaries),
+            "weight": self._address(
+                compile_law(laws.flow_weight, by=("relaxation", "equalisation"), comm=comm)
+            ),
+            "work": self._c.ffi.NULL,
+        }
+        self._network = self._c.struct("gas_network", fields)
+        # Its length depends on the numbers of the network.
+        work = np.zeros(self._c.lib.gas_work_length(self._network.pointer))
+        self._work_memory = self._pointer("work", work)
+        self._network.pointer.work = self._work_memory
+        self._column_count = int(self._c.lib.gas_column_count(self._network.pointer))
+        # Pointers are made once: to make them takes longer than the functions.
+        self._at = (
+            self._network.pointer,
+            self._pointer("y", self._y),
+            self._pointer("V", self._volumes[0]),
+            self._pointer("W", self._volumes[1]),
+        )
+        self._c_magnitude = self._pointer("magnitude", self._magnitude)
+        self._c_result = self._pointer("result", self._result)
+        self._c_by = self._pointer("by", self._by)
+        self._c_rates = [
+            self._pointer("rates", values)
+            for values in (self._flows, self._mass, self._energy, self._supplied)
+        ]
+
+    def _of_step(self, n: int, s: int, m: int, w: int) -> None:
+        """The arrays that C reads and sets in a step."""
+        self.h = 0.0
+        self._length: Array = np.zeros(1)
+        self._start: dict[str, Array] = {
+            "p0": np.zeros(n),
+            "m0": np.zeros(s),
+            "U0": np.zeros(n),
+            "V0": np.zeros(n),
+            "pV0": np.zeros(n),
+            "T0": np.zeros(n),
+            "theta": np.full(n, 0.5),
+            "amplification": np.zeros(n),
+            "exponent": np.zeros(n),
+            "wall_theta": np.zeros(w),
+        }
+        self._areas: Array = np.zeros(m)
+        self._boundary: Array = np.zeros((len(self._states.boundaries), 2))
+        self._wall_states: Array = np.zeros((w, 2))
+        # What functions take and set: y, V and W; the sizes of the terms of volumes [m³]
+        self._y: Array = np.zeros(n + s)
+        self._volumes: Array = np.zeros((2, n))
+        self._magnitude: Array = np.zeros(n)
+        self._result: Array = np.zeros(n + s)
+        self._by: Array = np.zeros((n + s, 2 * n + s))
+        self._flows: Array = np.zeros(m)
+        self._mass: Array = np.zeros(s)
+        self._energy: Array = np.zeros(n)
+        self._supplied: Array = np.zeros(2)
+
+    @property
+    def temperatures(self) -> Array:
+        """Temperatures of the chambers at the start of the step [K] (n,)."""
+        return self._start["T0"]
+
+    @property
+    def depends_on_swept_volume(self) -> bool:
+        """Whether the work p̄ W is in the equations."""
+        return self.process == IN_TIME
+
+    # ---- the network as arrays -------------------------------------------------------------------
+
+    def _pointer(self, name: str, values: Array) -> Any:
+        """An array of numbers for C, which may write into it."""
+        return self._c.array(name, values, "float64", values.shape, writable=True)
+
+    def _indices(self, name: str, values: Sequence[int] | Any) -> Any:
+        """An array of whole numbers for C."""
+        numbers = np.ascontiguousarray(values, dtype=np.int32)
+        return self._c.array(name, numbers, "int32", numbers.shape)
+
+    def _address(self, law: Law) -> Any:
+        """The C function of a law, which is kept."""
+        self._laws.append(law)
+        return self._c.ffi.cast("gas_law", law.address)
+
+    def _functions(self, compiled: Sequence[Law]) -> Any:
+        """An array of laws for C; one more, as an array of C is not empty."""
+        addresses = [self._address(law) for law in compiled]
+        return self._c.ffi.new("gas_law[]", [*addresses, self._c.ffi.NULL])
+
+    def _species(self) -> dict[str, Any]:
+        """The fields of species and states."""
+        species = self.contents.species
+        inputs: list[float] = []
+        first = [0]
+        heats = []
+        for gas in species:
+            law, numbers = laws.heat_law(gas, self._comm)
+            heats.append(law)
+            inputs += [0.0, *numbers]
+            first.append(len(inputs))
+        of_states = [[species.index(gas) for gas in own] for own in self._states.species]
+        flat = [number for own in of_states for number in own]
+        check_indices("The species of states", np.array(flat), len(species))
+        state_first = np.cumsum([0, *map(len, of_states)])
+        count = len(of_states)
+        columns = np.zeros((count, 4 * len(species) + 8), dtype=np.int32)
+        self._number_of_process = np.array([PROCESSES.index(self.process)], dtype=np.int32)
+        return {
+            "species_count": len(species),
+            "process": self._c.array("process", self._number_of_process, "int32", (1,)),
+            "R": self._pointer("R", np.array([float(gas.R) for gas in species])),
+            "heat": self._functions(heats),
+            "heat_inputs": self._pointer("heat_inputs", np.array(inputs)),
+            "heat_first": self._indices("heat_first", first),
+            "state_first": self._indices("state_first", state_first),
+            "state_species": self._indices("state_species", flat),
+            "fractions": self._pointer("fractions", self._states.fractions),
+            "boundary": self._pointer("boundary", self._boundary),
+            "columns": self._c.array("columns", columns, "int32", columns.shape, writable=True),
+        }
+
+    def _openings(self) -> dict[str, Any]:
+        """The fields of openings."""
+        species = self.contents.species
+        flows = []
+        by_counts = []
+        inputs: list[float] = []
+        input_first = [0]
+        carried_first = [0]
+        local: list[list[int]] = []
+        fractions: list[float] = []
+        carried_species: list[int] = []
+        self._flow_laws: list[laws.FlowLaw] = []
+        for i, passage in enumerate(self.passages):
+            carried = self._states.carried_by(i, passage)
+            flow = laws.FlowLaw(passage.opening, carried)
+            self._flow_laws.append(flow)
+            # One gas of constant specific heats: all other properties of both ends are constant.
+            by_count = 2 if self.contents.is_simple else flow.end_count
+            flows.append(flow.compile(by_count, self._comm))
+            by_counts.append(by_count)
+            inputs += [0.0] * (2 * flow.end_count + 1) + flow.numbers
+            input_first.append(len(inputs))
+            local += [self._states.local_numbers(i, gas) for gas in carried]
+            shares: list[float] = [-1.0] * len(carried)
+            if passage.carried is not None:
+                shares = [float(share) for share in passage.carried.fractions]
+            fractions += shares
+            carried_species += [species.index(gas) for gas in carried]
+            carried_first.append(len(local))
+        return {
+            "ends": self._indices("ends", self._states.ends),
+            "flow": self._functions(flows),
+            # Laws that gradients alone need; see `all_derivatives`
+            "slopes": self._c.ffi.NULL,
+            "by_count": self._indices("by_count", by_counts),
+            "inputs": self._pointer("inputs", np.array(inputs, dtype=float)),
+            "input_first": self._indices("input_first", input_first),
+            "carried_first": self._indices("carried_first", carried_first),
+            "local": self._indices("local", np.array(local, dtype=np.int32).reshape(-1, 2)),
+            "carried": self._pointer("carried", np.array(fractions, dtype=float)),
+            "carried_species": self._indices("carried_species", carried_species),
+            "driven": self._indices("driven", [one.is_driven for one in self.passages]),
+            "area": self._pointer("area", self._areas),
+        }
+
+    def _walls(self) -> dict[str, Any]:
+        """The fields of walls."""
+        heats = [laws.wall_law(path.compiled, self._comm) for path in self.walls]
+        return {
+            "wall_chamber": self._indices("walls", [path.chamber for path in self.walls]),
+            "heat_flow": self._functions(heats),
+            "wall_state": self._pointer("wall_state", self._wall_states),
+        }
+
+    def _step_fields(self) -> dict[str, Any]:
+        """The fields of the present step and of the solution."""
+        start = {name: self._pointer(name, values) for name, values in self._start.items()}
+        return start | {
+            "h": self._pointer("h", self._length),
+            "max_iterations": MAX_ITERATIONS,
+            "max_halvings": MAX_HALVINGS,
+            "round_off": ROUND_OFF_SHARE,
+            "tolerance": RESIDUAL_TOLERANCE,
+            "acceptable": ACCEPTABLE_RESIDUAL,
+            "remaining": MIN_REMAINING_SHARE,
+            "rest_difference": REST_DIFFERENCE,
+            "smallest_volume": SMALLEST_VOLUME,
+        }
+
+    # ---- a step ----------------------------------------------------------------------------------
 
     def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
-        """Start a step: store its initial state, without a copy, and choose the weights θ of its
-        flows: ½ is the middle, 1 the end.  `InputError`: the area of a valve is negative or not a
-        number, or the temperature of a wall is not positive."""
+        """Start a step of length h [s] with its middle at t [s], from the pressures p [Pa], masses
+        m [kg], energies U [J] and volumes V [m³], and choose the weights θ of its flows: ½ is the
+        middle, 1 the end.  `InputError`: the area of a valve is negative or not a number, or the
+        temperature of a wall is not positive."""
         self.h = h
-        self._p0 = p
-        self._m0 = m
-        self._U0 = U
-        self._pV0 = p * V
-        self.temperatures = self.contents.temperatures(self._pV0, m)
-        for passage in self.passages:
+        self._length[0] = h
+        for name, values in (("p0", p), ("m0", m), ("U0", U), ("V0", V)):
+            self._start[name][:] = values
+        # Pressures that are held do not equalise: a flow would last as long as the search.
+        flows = self.process != HELD_PRESSURE
+        for i, passage in enumerate(self.passages):
             passage.area = passage.aperture(h, t) if passage.is_open else 0.0
+            self._areas[i] = passage.area if flows else 0.0
+        # Apertures may set the temperature of what flows.
+        for i, end in enumerate(self._states.boundaries):
+            self._boundary[i] = (end.pressure, end.temperature)
+        for i, path in enumerate(self.walls):
+            path.temperature, path.size = path.compiled.state_in(h)
+            self._wall_states[i] = (path.temperature, path.size)
+        self._c.lib.gas_begin(self._network.pointer)
+        self._raise_errors()
         for path in self.walls:
-            path.temperature, path.conductance = path.state_in(h)
-        self._choose_weights(V)
+            # Compiled code does not check what a user's function returns: once a step.
+            path.compiled.coefficient(float(self.temperatures[path.chamber]), path.temperature)
 
-    # ---- equations -------------------------------------------------------------------------------
+    def _raise_errors(self) -> None:
+        """Raise what a user's function raised below C."""
+        for law in self._laws:
+            law.raise_error()
 
-    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+    def _take(self, y: Array, V: Array, W: Array) -> None:
+        """Copy what the next function of C reads."""
+        self._y[:] = y
+        self._volumes[0] = V
+        self._volumes[1] = W
+
+    def residual(self, y: Array, V: Array, W: Array) -> Array:
         """Return the excess of energy [J] and mass [kg] in each chamber over its balance in a step,
         (1) and (2) of the module: it gains mass by flows, and energy by flows, heat and the work of
-        its enclosure.  `known` are the rates of y and V, if they have been computed."""
-        p1 = y[: self._n]
-        m1 = y[self._n :]
-        rates = known or self.rates(y, V)
-        end_energy = self.contents.energies(p1 * V, m1)
-        energy = end_energy - self._U0 - self.h * rates.energy + self.work(y, V, W)
-        mass = m1 - self._m0 - self.h * rates.mass
-        return np.concatenate([energy, mass])
+        its enclosure."""
+        self._take(y, V, W)
+        self._c.lib.gas_residual(*self._at, self._c_result)
+        self._raise_errors()
+        return self._result.copy()
 
     def work(self, y: Array, V: Array, W: Array) -> Array:
-        """Work p̄ W [J] of each chamber (n,) on what encloses it, see `residual`."""
-        return (self._p0 + y[: self._n]) / 2 * W
+        """Work [J] of each chamber (n,) on what encloses it: p̄ W, or that of (6)."""
+        self._take(y, V, W)
+        self._c.lib.gas_work(*self._at, self._c_result)
+        return self._result[: self._n].copy()
 
     def rates(self, y: Array, V: Array) -> Rates:
         """Return mass and energy flows into the chambers, and from boundaries and walls.  What one
         end of an opening loses the other gains in the same sum, so the network conserves mass and
         energy to round-off."""
-        n = self._n
-        # Lists of numbers: for so few chambers NumPy takes three times as long.
-        mass: list[Number] = [0.0] * len(self._m0)
-        energy: list[Number] = [0.0] * n
-        mass_supplied: Number = 0.0
-        energy_supplied: Number = 0.0
-        openings: list[Number] = []
-        states = self._flow_states(y, V)
-        for passage in self.passages:
-            at_ends = _at_ends(passage, states)
-            upstream, fractions, mass_flow, energy_flow = _flows(passage, at_ends)
-            openings.append(mass_flow.real)
-            rows_at_ends = passage.rows[upstream]
-            for end, sign, rows in zip(passage.ends, (-1, 1), rows_at_ends, strict=True):
-                if isinstance(end, int):
-                    energy[end] += sign * energy_flow.real
-                    for row, fraction in zip(rows, fractions, strict=True):
-                        mass[row] += sign * fraction * mass_flow.real
-                else:
-                    energy_supplied -= sign * energy_flow.real
-                    mass_supplied -= sign * mass_flow.real
-        for path in self.walls:
-            heat = self._heat(path, y, V)
-            energy[path.chamber] += heat
-            energy_supplied += heat
+        self._take(y, V, self._volumes[1])
+        self._c.lib.gas_rates(*self._at[:3], *self._c_rates)
+        self._raise_errors()
+        mass_supplied, energy_supplied = self._supplied
         return Rates(
-            openings=openings,
-            mass=np.array(mass),
-            energy=np.array(energy),
-            mass_supplied=mass_supplied,
-            energy_supplied=energy_supplied,
+            openings=self._flows.copy(),
+            mass=self._mass.copy(),
+            energy=self._energy.copy(),
+            mass_supplied=float(mass_supplied),
+            energy_supplied=float(energy_supplied),
         )
 
     def scales(self, y: Array, V: Array, magnitude: Array) -> Array:
@@ -289,332 +549,76 @@ class Balance:
         walls conduct well.  Nothing is lost by this, since the accepted state is summed from the
         flows.
         """
-        flows = 1 + ROUND_OFF_SHARE * self._amplification
-        volume = abs(V) * flows + ROUND_OFF_SHARE * magnitude
-        contents = self.contents
-        energy = contents.energies(abs(y[: self._n]) * volume, abs(y[self._n :]))
-        mass = contents.sums(abs(y[self._n :])) * flows + contents.sums(self._m0)
-        return np.concatenate([energy + self._U0, contents.per_mass(mass)])
-
-    # ---- derivatives -----------------------------------------------------------------------------
+        self._take(y, V, self._volumes[1])
+        self._magnitude[:] = magnitude
+        self._c.lib.gas_scales(*self._at[:3], self._c_magnitude, self._c_result)
+        return self._result.copy()
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
         """Return the derivatives (n + s, n + s) and (n + s, n) of the residual (energies [J], then
         masses [kg]) with respect to y and to V.  That with respect to W is the mean pressure on the
         diagonal of the energy rows; the caller has it."""
-        n = self._n
-        p1 = y[:n]
-        m1 = y[n:]
-        # T1 and ∂U1/∂(p1 V)
-        temperature = self.contents.temperatures(p1 * V, m1)
-        heat_factor = self.contents.heat_factors(temperature, m1)
-        # U1 and p̄ W in the energy rows, m1 in the mass rows.
-        energy_by_pressure = V * heat_factor + W / 2
-        by_y = np.diag(np.concatenate([energy_by_pressure, np.ones(len(m1))]))
-        by_y[self.contents.owners, n + np.arange(len(m1))] += self.contents.energy_slopes(
-            temperature, m1
-        )
-        by_V = np.zeros((len(y), n))
-        by_V[np.arange(n), np.arange(n)] = p1 * heat_factor
-        self._add_flow_derivatives(by_y, by_V, y, V)
-        self._add_heat_derivatives(by_y, by_V, y, V)
-        return by_y, by_V
-
-    def _add_flow_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
-        """Subtract step length times the derivatives of the flows from those of the residual, which
-        are changed in place.  p [Pa], T [K] (n,) and the sums of masses determine the flows."""
-        n = self._n
-        states = self._flow_states(y, V)
-        total_mass = self._m0 + y[n:]
-        # Lists of numbers, as in `rates`
-        end_pressure: Any = y[:n].tolist()
-        mass_times_R: Any = self.contents.masses_times_R(total_mass).tolist()
-        volume: Any = V.tolist()
-        weight: Any = self._weights.tolist()
-        for passage in self.passages:
-            at_ends = _at_ends(passage, states)
-            for side, k in enumerate(passage.ends):
-                if not isinstance(k, int):
-                    continue
-                p, T, gas = at_ends[side]
-                upstream, by_pressure = _slopes(passage, at_ends, side, (p + STEP, T, gas))
-                # At equal pressures round-off decides from where gas comes: once for all slopes.
-                _, by_temperature = _slopes(passage, at_ends, side, (p, T + STEP, gas), upstream)
-                # ∂T/∂(p1 V) of (3); T falls with the mass of a species by T R times this.
-                T_by_pV = 1 / mass_times_R[k]
-                by_masses = [
-                    [-slope * T * self.contents.gases[row].R * T_by_pV for slope in by_temperature]
-                    for row in self.contents.rows[k]
-                ]
-                if len(by_masses) > 1:
-                    self._add_blend_slopes(
-                        by_masses, passage, at_ends, side, upstream, self._flow_masses(y)
-                    )
-                rows_at_ends = passage.rows[upstream]
-                for end, sign, rows in zip(
-                    passage.ends, (-self.h, self.h), rows_at_ends, strict=True
-                ):
-                    if not isinstance(end, int):
-                        continue
-                    # The first slope is that of the energy flow (row end), the others are those of
-                    # the mass flows.
-                    targets = [end, *[n + row for row in rows]]
-                    slopes = zip(targets, by_pressure, by_temperature, strict=True)
-                    for target, p_slope, T_slope in slopes:
-                        by_p1 = p_slope * weight[k] + T_slope * volume[k] * T_by_pV
-                        by_y[target, k] -= sign * by_p1
-                        by_V[target, k] -= sign * T_slope * end_pressure[k] * T_by_pV
-                    for row, by_mass in zip(self.contents.rows[k], by_masses, strict=True):
-                        for target, slope in zip(targets, by_mass, strict=True):
-                            by_y[target, n + row] -= sign * slope
-
-    def _add_blend_slopes(
-        self,
-        by_masses: list[list[Number]],
-        passage: Passage,
-        at_ends: tuple[State, State],
-        side: int,
-        upstream: int,
-        flow_masses: Array,
-    ) -> None:
-        """Add the derivatives of the flows at a chamber with a mixture by the masses (s,) of the
-        species at the end of the step, at given pressure and temperature; `by_masses` has the
-        derivatives of energy and mass flows for each species."""
-        p, T, gas = at_ends[side]
-        k = passage.ends[side]
-        assert isinstance(k, int), "A chamber has a number."
-        masses = [flow_masses[row] for row in self.contents.rows[k]]
-        for position, sums in enumerate(by_masses):
-            amounts: list[Number] = list(masses)
-            amounts[position] += STEP
-            blend = Blend(gas.species, amounts, gas.name)
-            _, slopes = _slopes(passage, at_ends, side, (p, T, blend), upstream)
-            for target, slope in enumerate(slopes):
-                sums[target] += self._weights[k] * slope
-
-    def _add_heat_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
-        """Subtract step length times the derivatives of the heat of the walls, like
-        `_add_flow_derivatives`.  T1 [K] is the temperature of a chamber at the end."""
-        n = self._n
-        mass_times_R = self.contents.masses_times_R(y[n:])
-        for path in self.walls:
-            k = path.chamber
-            temperature = y[k] * V[k] / mass_times_R[k]
-            mean = self._mean_temperature(path, temperature)
-            # -∂Q/∂T at the mean temperature
-            slope = path.conductance(mean) - path.slope(mean) * (path.temperature - mean)
-            # -h ∂Q/∂T1 times ∂T1/∂(p1 V)
-            cooling = self.h * slope * path.weight / mass_times_R[k]
-            by_y[k, k] += cooling * V[k]
-            by_V[k, k] += cooling * y[k]
-            for row in self.contents.rows[k]:
-                by_y[k, n + row] -= cooling * temperature * self.contents.gases[row].R
-
-    # ---- solution --------------------------------------------------------------------------------
+        self._take(y, V, W)
+        self._c.lib.gas_derivatives(*self._at, 0, self._c_by)
+        self._raise_errors()
+        return self._by[:, : self._size].copy(), self._by[:, self._size :].copy()
 
     def settle(self, y: Array, V: Array, W: Array, magnitude: Array) -> Array | None:
         """Solve the balance at given volumes by Newton's method, from a positive guess y, to a
         scaled residual of 1e-13, or 1e-9 where round-off allows no less.  None if that is not
         reached in 50 iterations or the matrix is singular."""
-        rates = self.rates(y, V)
-        flows = abs(np.concatenate([rates.energy, rates.mass]))
-        scale = self.scales(y, V, magnitude) + self.h * flows
-        error = self.residual(y, V, W, rates) / scale
-        for _ in range(MAX_ITERATIONS):
-            if abs(error).max() <= RESIDUAL_TOLERANCE:
-                return y
-            matrix = self.derivatives(y, V, W)[0] / scale[:, None]
-            try:
-                update = np.linalg.solve(matrix, error)
-            except np.linalg.LinAlgError:
-                return None
-            size = float(error @ error)
-            for length in 0.5 ** np.arange(MAX_HALVINGS):
-                trial = np.maximum(y - length * update, MIN_REMAINING_SHARE * y)
-                error = self.residual(trial, V, W) / scale
-                if float(error @ error) < size:
-                    break
-            else:
-                # None decreases the residual: y is the solution to round-off, or the volumes are
-                # far off, and from nearly the same y Newton's method would fail again.
-                return y if size <= ACCEPTABLE_RESIDUAL**2 else None
-            y = trial
-        if abs(error).max() > ACCEPTABLE_RESIDUAL:
-            return None
-        return y
+        self._take(y, V, W)
+        self._magnitude[:] = magnitude
+        is_solved = self._c.lib.gas_solve(*self._at, self._c_magnitude)
+        self._raise_errors()
+        return self._y.copy() if is_solved else None
 
-    # ---- flows -----------------------------------------------------------------------------------
+    # ---- gradients -------------------------------------------------------------------------------
 
-    def _flow_states(self, y: Array, V: Array) -> list[State]:
-        """Pressures, temperatures and gases of the chambers by (3), at which flows are taken."""
-        p1 = y[: self._n]
-        total_mass = self._m0 + y[self._n :]
-        p = self._p0 + self._weights * (p1 - self._p0)
-        T = self.contents.temperatures(self._pV0 + p1 * V, total_mass)
-        return _states(p, T, self.contents.mixtures(self._flow_masses(y)))
+    def all_derivatives(self, y: Array, V: Array, W: Array) -> dict[str, Array]:
+        """Return the derivatives of the residual by all quantities of a step, each (n + s, ...), by
+        their names: "y", "V", "W", "p0", "m0", "V0" of the start, "area" of openings, "boundary"
+        (b, 2) pressure [Pa] and temperature [K] of the boundaries, and "wall" (w, 2) temperature
+        [K] and size of walls.  U0 is that of p0, m0 and V0.  The first call is collective."""
+        pointer = self._network.pointer
+        if pointer.slopes == self._c.ffi.NULL:
+            self._slope_laws = self._functions(
+                [flow.compile_slopes(self._comm) for flow in self._flow_laws]
+            )
+            pointer.slopes = self._slope_laws
+        n = self._n
+        w = len(self.walls)
+        width = self._column_count
+        weights: Array = np.zeros((3 * n + w, width))
+        by: Array = np.zeros((self._size, width))
+        self._take(y, V, W)
+        self._c.lib.gas_weight_derivatives(pointer, self._pointer("weights", weights))
+        self._c.lib.gas_derivatives(*self._at, 1, self._pointer("by", by))
+        self._raise_errors()
+        s = self._size - n
+        counts = {
+            "y": n + s,
+            "V": n,
+            "p0": n,
+            "m0": s,
+            "V0": n,
+            "weights": n + w,
+            "boundary": 2 * len(self._states.boundaries),
+            "area": len(self.passages),
+            "wall": 2 * w,
+            "W": n,
+        }
+        ends = np.cumsum(list(counts.values()))
+        slices = {
+            name: slice(end - count, end)
+            for (name, count), end in zip(counts.items(), ends, strict=True)
+        }
+        by += by[:, slices["weights"]] @ weights[: n + w]
+        found = {name: by[:, columns] for name, columns in slices.items()}
+        del found["weights"]
+        return found
 
-    def _flow_masses(self, y: Array) -> Array:
-        """Masses (s,) [kg] of which the gases that flow are mixtures, by (3)."""
-        weights = self.contents.per_mass(self._weights)
-        return self._m0 + weights * (y[self._n :] - self._m0)
-
-    def _heat(self, path: HeatPath, y: Array, V: Array) -> Number:
-        """The heat flow [W] from a wall into its chamber."""
-        k = path.chamber
-        end_temperature = y[k] * V[k] / self.contents.masses_times_R(y[self._n :])[k]
-        temperature = self._mean_temperature(path, end_temperature)
-        return path.conductance(temperature) * (path.temperature - temperature)
-
-    def _mean_temperature(self, path: HeatPath, end: Number) -> Number:
-        """The temperature [K] of the gas at which a wall exchanges heat, for that at the end."""
-        return (1 - path.weight) * self.temperatures[path.chamber] + path.weight * end
-
-    # ---- weights ---------------------------------------------------------------------------------
-
-    def _choose_weights(self, V: Array) -> None:
-        """Choose the weight θ of the end of the step in the flows of every chamber, `_weights`
-        (n,), and of every wall: ½ for short steps and near 1 for steps in which pressures
-        equalise, (4) and (5) of the module.
-
-        The conductances at rest are summed too, in `_amplification` (n,) [-]: they amplify the
-        round-off of pressures and temperatures, see `scales`.  V [m³] (n,) are of the start.
-        """
-        relaxation = np.zeros_like(self._p0)  # ζ of (4)
-        equalisation = np.zeros_like(self._p0)  # z of (5)
-        at_rest = np.zeros_like(self._p0)
-        states = _states(self._p0, self.temperatures, self.contents.mixtures(self._m0))
-        for passage in self.passages:
-            at_ends = _at_ends(passage, states)
-            if passage.carried is not None:
-                # Its partial pressure relaxes, as fast as in a chamber without other gases.
-                (p_a, T_a, _), (p_b, T_b, _) = at_ends
-                at_ends = (p_a, T_a, passage.carried), (p_b, T_b, passage.carried)
-            first, second = at_ends
-            # Of equal pressures the hotter end counts as upstream.
-            is_first = first[0] >= second[0]
-            if is_first and first[0] <= second[0]:
-                is_first = first[1] >= second[1]
-            upstream = 0 if is_first else 1
-            p_high, T_high, gas = at_ends[upstream]
-            p_low = at_ends[1 - upstream][0]
-            if p_high <= 0:
-                # Two vacuums exchange nothing.
-                continue
-            # z of (5) has Δp in its denominator: it is taken at no smaller difference than this
-            # one.
-            almost_equal = p_high * (1 - REST_DIFFERENCE)
-            moving: Number = 0.0
-            resting: Number = 0.0
-            # A driven flow does not fall to zero with the difference of pressures.
-            if not passage.is_driven:
-                moving = _conductance(passage, at_ends, upstream, min(p_low, almost_equal))
-                resting = _conductance(passage, at_ends, upstream, almost_equal)
-            for side, (k, sign) in enumerate(zip(passage.ends, (-1, 1), strict=True)):
-                if not isinstance(k, int):
-                    continue
-                # Rise of the pressure in a step per mass flow, h γ R T/V of an adiabatic chamber
-                stiffness = self.h * gas.heat_ratio(T_high) * gas.R * T_high / V[k]
-                p, T, end_gas = at_ends[side]
-                # After the slope of the energy flow follow those of the mass flows of all species.
-                _, slopes = _slopes(passage, at_ends, side, (p + STEP, T, end_gas))
-                relaxation[k] -= stiffness * sign * sum(slopes[1:])
-                equalisation[k] += stiffness * moving
-                at_rest[k] += stiffness * resting
-        # A chamber whose pressure would not relax, by round-off or a law of the user, has θ_e = ½.
-        fitted = np.array([_fitted_weight(rate) for rate in np.maximum(relaxation, 0.0)])
-        damping = DAMPING_COEFFICIENT * equalisation**4 / (1 + equalisation**2)
-        self._weights = 1 - 1 / (1 / (1 - fitted) + damping)
-        self._amplification = at_rest
-        if self.walls:
-            heat_factors = self.contents.heat_factors(self.temperatures, self._m0)
-        for path in self.walls:
-            k = path.chamber
-            T = self.temperatures[k]
-            # m c_v = c_v/R · p V/T
-            heat_capacity = heat_factors[k] * self._pV0[k] / T
-            # Relaxations of the temperature in a step [-]
-            rate = self.h * path.conductance(T) / heat_capacity
-            path.weight = _fitted_weight(rate)
-            self._amplification[k] += rate
-
-
-def _states(p: Array, T: Array, gases: list[Gas]) -> list[State]:
-    """Pressure [Pa], temperature [K] and gas of each chamber, as Python's or dual numbers."""
-    pressures: Any = p.tolist()
-    temperatures: Any = T.tolist()
-    return list(zip(pressures, temperatures, gases, strict=True))
-
-
-def _at_ends(passage: Passage, states: list[State]) -> tuple[State, State]:
-    """The states at the two ends of an opening, for the states of all chambers."""
-    first, second = passage.ends
-    first_gas, second_gas = passage.gases
-    return _state_at(first, first_gas, states), _state_at(second, second_gas, states)
-
-
-def _state_at(end: Any, gas: Gas | None, states: list[State]) -> State:
-    """The state of one end of an opening; `gas` is that of a boundary, None at a chamber."""
-    if gas is None:
-        return states[end]
-    return end.pressure, end.temperature, gas
-
-
-def _flows(
-    passage: Passage, at_ends: tuple[State, State], upstream: int | None = None
-) -> tuple[int, Sequence[Number], Number, Number]:
-    """Return the end from which the gas comes, 0 or 1, `upstream` if that is given, its mass
-    fractions, and mass flow [kg/s] and enthalpy flow [W] from the first to the second end of an
-    opening; the gas has the temperature of the end it comes from, and its mixture unless the
-    opening carries one gas alone."""
-    (p_a, T_a, gas_a), (p_b, T_b, gas_b) = at_ends
-    mass_flow = passage.opening.flow((gas_a, gas_b), passage.area, (p_a, p_b), (T_a, T_b))
-    if upstream is None:
-        upstream = 0 if mass_flow.real >= 0 else 1
-    _, T, gas = at_ends[upstream]
-    gas = passage.carried or gas
-    return upstream, gas.fractions, mass_flow, gas.enthalpy(T) * mass_flow
-
-
-def _slopes(
-    passage: Passage,
-    at_ends: tuple[State, State],
-    side: int,
-    changed: State,
-    upstream: int | None = None,
-) -> tuple[int, list[Number]]:
-    """Return the end from which the gas comes, and the derivatives of the energy flow [W] and of
-    the mass flow of each species [kg/s] of a passage by the quantity of one end to which a complex
-    step was added, exact to round-off."""
-    varied = (changed, at_ends[1]) if side == 0 else (at_ends[0], changed)
-    upstream, fractions, mass_flow, energy_flow = _flows(passage, varied, upstream)
-    slopes = [energy_flow.imag / COMPLEX_STEP]
-    slopes += [(Y * mass_flow).imag / COMPLEX_STEP for Y in fractions]
-    return upstream, slopes
-
-
-def _conductance(
-    passage: Passage, at_ends: tuple[State, State], upstream: int, p_low: Number
-) -> Number:
-    """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening, from its end
-    with the number `upstream` to a lower pressure [Pa] at the same temperature."""
-    p_high, T_high, _ = at_ends[upstream]
-    gases = (at_ends[0][2], at_ends[1][2])
-    if upstream == 0:
-        mass_flow = passage.opening.flow(gases, passage.area, (p_high, p_low), (T_high, T_high))
-        return mass_flow.real / (p_high - p_low)
-    mass_flow = passage.opening.flow(gases, passage.area, (p_low, p_high), (T_high, T_high))
-    return -mass_flow.real / (p_high - p_low)
-
-
-def _fitted_weight(rate: Number) -> Number:
-    """Return the weight θ_e = 1/(1 - exp(-rate)) - 1/rate, ½ at 0 and 1 at infinity, with which a
-    relaxation is exact, equation (4) of the module.
-
-    The rate is the length of the step over the time constant of the relaxation, ≥ 0; a dual number
-    carries derivatives.
-    """
-    # Both terms of (4) grow as 1/rate; below 1e-3 the series is exact to 1e-12 and does not cancel.
-    if rate < 1e-3:
-        return 0.5 + rate / 12
-    decay = (-rate).expm1() if isinstance(rate, Dual) else np.expm1(-rate)
-    return -1 / decay - 1 / rate
+    @property
+    def boundaries(self) -> list[Holder]:
+        """The boundaries in the order of the derivatives by them."""
+        return self._states.boundaries

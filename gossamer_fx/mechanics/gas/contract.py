@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.algebra.dual_numbers import Number
+from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, Enclosure
 from gossamer_fx.mechanics.gas.film_area import FilmArea
@@ -26,18 +26,24 @@ from gossamer_fx.mechanics.gas.surface import Geometry
 Aperture = Callable[[float, float], float]
 
 
-# Conductance [W/K] of a wall as a function of the temperature [K] of the gas.
-Conductance = Callable[[Number], Number]
+@dataclass(frozen=True)
+class CompiledWall:
+    """A wall in a running scene, whose conductance [W/K] is its size times a coefficient.
 
-# Temperature [K] and conductance of a wall in a step, functions of its length h [s].
-WallState = Callable[[float], tuple[Number, Conductance]]
+    Attributes:
+        state_in: temperature [K] and size of the wall in a step, a function of its length h [s].
+            Collective.
+        coefficient: a law (`core.laws`) of the temperatures of gas and wall [K].
+    """
+
+    state_in: Callable[[float], tuple[float, float]]
+    coefficient: Callable[[Number, Number], Number] = lambda T, outside: 1.0
 
 
 class Gas(ABC):
     """A thermally perfect gas, p V = m R T and U = m u(T), or a mixture of such gases.
 
-    Its functions take the temperature T [K], a real, complex or dual number: the network takes
-    their derivatives by complex steps, gradients by dual numbers.
+    Its functions are laws (`core.laws`) of the temperature T [K], which are compiled.
 
     Attributes:
         name: in messages and outputs.
@@ -161,12 +167,6 @@ class Opening(ABC):
         """The gas that flows, whatever the ends hold; None: that of the end from which it comes."""
         return None
 
-    @property
-    def isentropic_range(self) -> float | None:
-        """The argument `laminar` of `isentropic_flow`, if that is its flow, which C code may then
-        compute; None for another law."""
-        return None
-
     @abstractmethod
     def aperture(self, geometry: Geometry) -> Aperture:
         """The effective area C_d A [m²] in a running scene, as a function of step length and time.
@@ -177,8 +177,9 @@ class Opening(ABC):
         """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
 
         The flow has the mixture and the enthalpy of the end that it comes from, or is of
-        `carried_gas` alone.  It must be analytic in p, T and the properties of the gases where it
-        is smooth: the network takes derivatives by complex steps.
+        `carried_gas` alone.  It is a law (`core.laws`): a function of its arguments and of the
+        numbers of the opening alone, compiled with exact derivatives.  One that needs real numbers
+        is called back from C, which takes some 100 times as long.
 
         Args:
             gases: the gases at the ends a and b.
@@ -239,9 +240,9 @@ class Wall(ABC):
         return None
 
     @abstractmethod
-    def compile(self, geometry: Geometry) -> WallState:
-        """Temperature and conductance (heat transfer coefficient times area) of the wall in a
-        running scene, as a function of the step.  Collective, as is that function."""
+    def compile(self, geometry: Geometry) -> CompiledWall:
+        """The wall in a running scene, with its temperature and conductance (heat transfer
+        coefficient times area).  Collective."""
 
 
 @dataclass(repr=False)

@@ -9,9 +9,11 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, ClassVar
 
-from gossamer_fx.core.algebra.dual_numbers import Number, log
+import numpy as np
+
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.mechanics.gas.contract import Gas
 
 
@@ -205,7 +207,7 @@ def _polynomial(a: tuple[float, ...], T: Number) -> Number:
 
 def _primitive(a: tuple[float, ...], T: Number) -> Number:
     """∫ c_p/R dT [K] of `_polynomial`, to which any constant may be added, at a temperature [K]."""
-    result: Number = a[1] * log(T)
+    result: Number = a[1] * np.log(T)
     for position, coefficient in enumerate(a):
         power = position + LOWEST_POWER + 1
         if power:

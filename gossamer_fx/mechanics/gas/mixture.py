@@ -13,9 +13,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from gossamer_fx.core.algebra.dual_numbers import Number
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.contract import Gas, Holder, Opening, Volume
 
@@ -158,20 +158,6 @@ class Contents:
         """Whether the scene has one species, whose specific heats are constant."""
         return len(self.species) == 1 and self._gamma_1 is not None
 
-    def held(self, end: int | Holder) -> Sequence[Gas]:
-        """The species that come from an end of an opening: a chamber, or a boundary with a gas."""
-        if isinstance(end, int):
-            return [self.gases[row] for row in self.rows[end]]
-        return _species(end.gas)
-
-    def numbers(self, end: int | Holder, species: Sequence[Gas]) -> list[int]:
-        """The positions of some species at an end of an opening: at a chamber among the masses of
-        all chambers, at a boundary among all species of the scene."""
-        if isinstance(end, int):
-            own = {self.gases[row]: row for row in self.rows[end]}
-            return [own[gas] for gas in species]
-        return [self.species.index(gas) for gas in species]
-
     def sums(self, values: Array) -> Array:
         """Sums (n,) of values of all masses (s,) over each chamber."""
         if self._is_pure:
@@ -183,17 +169,6 @@ class Contents:
         if self._is_pure:
             return values
         return values[self.owners]
-
-    def mixtures(self, m: Array) -> list[Gas]:
-        """The gas of each chamber, for masses (s,) in any unit."""
-        if self._is_pure:
-            return self.gases
-        found: list[Gas] = []
-        for rows in self.rows:
-            species = [self.gases[row] for row in rows]
-            one = species[0] if len(rows) == 1 else Blend(species, [m[row] for row in rows], "")
-            found.append(one)
-        return found
 
     # ---- the equations of state (1) --------------------------------------------------------------
 
@@ -237,18 +212,6 @@ class Contents:
             if (abs(update) <= 1e-9 * T).all():
                 break
         return self.masses_times_R(m) * T / V
-
-    def heat_factors(self, T: Array, m: Array) -> Array:
-        """∂U/∂(pV) = Σ m_s c_v,s/Σ m_s R_s of each chamber, 1/(γ - 1)."""
-        if self._gamma_1 is not None:
-            return 1 / self._gamma_1
-        return self.sums(m * self._each("heat_capacity", T)) / self.masses_times_R(m)
-
-    def energy_slopes(self, T: Array, m: Array) -> Array:
-        """∂U/∂m_s at constant p and V (s,) [J/kg]."""
-        if self._gamma_1 is not None:
-            return np.zeros(len(m))
-        return self._each("energy", T) - self.per_mass(self.heat_factors(T, m) * T) * self._R
 
     def _each(self, quantity: str, T: Array) -> Array:
         """A function of temperature of each mass's gas, by name, at its chamber's T (n,)."""

@@ -37,12 +37,14 @@ from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
+    ADIABATIC,
+    HELD_PRESSURE,
     MIN_REMAINING_SHARE,
+    Balance,
     End,
     HeatPath,
     Passage,
 )
-from gossamer_fx.mechanics.gas.compiled_balance import compile_balance
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
     Gas,
@@ -59,11 +61,6 @@ from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarTotals, ScalarUnkn
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
-
-# What stays constant in the chambers of an equilibrium; see `static_processes`.
-ADIABATIC = "adiabatic"
-ISOTHERMAL = "isothermal"
-HELD_PRESSURE = "held pressure"
 
 
 class GasNetwork(ScalarUnknowns):
@@ -130,7 +127,7 @@ class GasNetwork(ScalarUnknowns):
         ]
         self.geometry.compile()
         self._process = ADIABATIC
-        self.balance = compile_balance(self.contents, self._passages, self._walls, system.comm)
+        self.balance = Balance(self.contents, self._passages, self._walls, system.comm)
         self.size = n + len(self.contents.gases)
         # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes
         # [m³]
@@ -155,18 +152,6 @@ class GasNetwork(ScalarUnknowns):
     def set_static_process(self, process: str) -> None:
         """Choose by its name what stays constant in the chambers while an equilibrium is looked
         for.  `InputError`: the specific heats of a gas change in an adiabatic search."""
-        # Imported here, as runs do not need it.
-        from gossamer_fx.mechanics.gas.static_processes import (
-            AdiabaticBalance,
-            HeldPressureBalance,
-            IsothermalBalance,
-        )
-
-        kinds = {
-            ADIABATIC: AdiabaticBalance,
-            ISOTHERMAL: IsothermalBalance,
-            HELD_PRESSURE: HeldPressureBalance,
-        }
         if process == ADIABATIC:
             for gas in self.contents.species:
                 check(
@@ -175,7 +160,8 @@ class GasNetwork(ScalarUnknowns):
                     "give an IdealGas, or gas='isothermal' or 'held pressure'.",
                 )
         self._process = process
-        self.balance = kinds[process](self.contents, self._passages, self._walls)
+        comm = self.geometry.comm
+        self.balance = Balance(self.contents, self._passages, self._walls, comm, process)
 
     @property
     def is_closed(self) -> bool:
@@ -575,18 +561,11 @@ def _passages(
             _boundary_gas(opening.a, opening.b, contents),
             _boundary_gas(opening.b, opening.a, contents),
         )
-        carried = opening.carried_gas
-        rows = []
-        for source, gas in zip(ends, gases, strict=True):
-            found_gas = carried or gas
-            species = found_gas.species if found_gas is not None else contents.held(source)
-            rows.append([contents.numbers(target, species) for target in ends])
         passage = Passage(
             opening=opening,
             ends=ends,
             gases=gases,
-            carried=carried,
-            rows=rows,
+            carried=opening.carried_gas,
             aperture=opening.aperture(geometry),
             is_driven=opening.is_driven,
         )

@@ -12,22 +12,20 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.algebra.dual_numbers import Number, log
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.laws.tracing import Number, Symbol, root
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.gas.balance import Passage
 from gossamer_fx.mechanics.gas.contract import (
     Aperture,
-    Conductance,
+    CompiledWall,
     Discharge,
     Gas,
     Gases,
@@ -37,12 +35,12 @@ from gossamer_fx.mechanics.gas.contract import (
     Switch,
     Volume,
     Wall,
-    WallState,
 )
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
-from gossamer_fx.mechanics.gas.surface import Geometry
+from gossamer_fx.mechanics.gas.surface import Geometry, InStep, SeenSystem
+from gossamer_fx.mechanics.gas.tables import LinearTable
 from gossamer_fx.mechanics.gas.volumes import Chamber
 
 
@@ -84,40 +82,6 @@ class PassiveOpening(Connection):
     def flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
         """Mass flow per effective area [kg/(s m²)] of the gas upstream, with the pressure pu [Pa]
         and temperature Tu [K], to the pressure pd."""
-
-
-@check_arguments
-class LinearTable:
-    """A function that is linear between given points and constant outside of them.
-
-    Args:
-        points: pairs (x, y) by rising x, at least one.
-
-    Raises:
-        InputError: there is no point, or x does not rise.
-
-    Example:
-        >>> flow = gx.gas.LinearTable((0.0, 0.0), (0.1, 2.0), (0.3, 1.0))
-        >>> flow(0.05), flow(1.0)
-        (1.0, 1.0)
-    """
-
-    def __init__(self, *points: tuple[float, float]) -> None:
-        self.points = tuple(points)
-        xs = [x for x, _ in points]
-        check(
-            bool(points) and all(low < high for low, high in pairwise(xs)),
-            f"LinearTable: its points are at {xs}; give at least one, by rising x.",
-        )
-
-    def __call__(self, x: Number) -> Number:
-        """The value at x, a real, complex or dual number."""
-        if x.real <= self.points[0][0]:
-            return self.points[0][1]
-        for (low, first), (high, last) in pairwise(self.points):
-            if x.real <= high:
-                return first + (last - first) / (high - low) * (x - low)
-        return self.points[-1][1]
 
 
 # Geometric area of an opening: a number [m²], a function of time [s], or that of a part of a film
@@ -250,12 +214,6 @@ class Orifice(PassiveOpening, Discharge):
             flux = flux * self._table(pd / pu)
         return flux
 
-    @property
-    def isentropic_range(self) -> float | None:
-        """`laminar`, unless a table or a derived class changes the flow."""
-        own_law = type(self).flow is not Orifice.flow or type(self).flux is not Orifice.flux
-        return None if own_law or self._table is not None else self.laminar
-
     # Asked for in each flow
     @cached_property
     def _table(self) -> LinearTable | None:
@@ -315,9 +273,9 @@ class WallHeat(Wall):
     def requires(self) -> Iterable[Any]:
         yield self.chamber
 
-    def compile(self, geometry: Geometry) -> WallState:
+    def compile(self, geometry: Geometry) -> CompiledWall:
         """The given numbers [K] and [W/K] in every step."""
-        return lambda h: (self.temperature, lambda T: self.conductance)
+        return CompiledWall(lambda h: (self.temperature, self.conductance))
 
 
 @check_arguments
@@ -384,7 +342,7 @@ class Valve(Orifice, Switch):
 
     def _passage(self, run: HasSystem) -> Passage:
         """The valve in a run.  `InputError`: it is not in the scene."""
-        for scalars in run.system.scalar_unknowns:
+        for scalars in run.system.equations.scalar_unknowns:
             if isinstance(scalars, GasNetwork):
                 return scalars.switch(self)
         raise InputError(f"'{self.name}' is not in the scene; add it.")
@@ -441,18 +399,6 @@ class PorousFilm(PassiveOpening, Discharge):
         return pu / (gas.R * Tu) * velocity
 
 
-# Bisections for a Mach number in (0, 1), after which it is known to 1e-6; and the largest number of
-# Newton iterations for the other one.
-BISECTIONS = 20
-
-# Newton iterations after them.  They square the error; the last two carry the first and second
-# derivatives of complex and dual numbers.
-POLISHING = 4
-
-# Step of derivatives by complex steps
-COMPLEX_STEP = 1e-30
-
-
 def friction_parameter(gamma: Number, M: Number) -> Number:
     """f L*/D of the pipe that chokes a flow of the Mach number M (Shapiro, Dynamics and
     Thermodynamics of Compressible Fluid Flow, 1953, ch. 6), f the friction factor of Darcy:
@@ -462,9 +408,13 @@ def friction_parameter(gamma: Number, M: Number) -> Number:
     >>> round(friction_parameter(1.4, 0.2), 3)
     14.533
     """
-    square = M * M
+    return _friction_of_square(gamma, M * M)
+
+
+def _friction_of_square(gamma: Number, square: Number) -> Number:
+    """`friction_parameter` of the square of a Mach number."""
     ratio = (gamma + 1) * square / (2 + (gamma - 1) * square)
-    return (1 - square) / (gamma * square) + (gamma + 1) / (2 * gamma) * log(ratio)
+    return (1 - square) / (gamma * square) + (gamma + 1) / (2 * gamma) * np.log(ratio)
 
 
 @check_arguments
@@ -524,83 +474,38 @@ class Pipe(PassiveOpening):
 
     def _mass_number(self, γ: Number, x: Number) -> Number:
         """M1 (1 + (γ - 1)/2 M1²)^(-(γ + 1)/(2 (γ - 1))) of (2), at the ratio x of the pressure
-        downstream to that upstream; γ and x are real, complex or dual numbers, as is the result."""
+        downstream to that upstream."""
         resistance = self.friction * self.length / self.diameter
-        # (1) is solved in real numbers first, by bisection for M2 in (0, 1).
-        γ_value = float(_value(γ))
-        ratio = float(_value(x))
-        low = 0.0
-        high = 1.0
-        first = _inlet(γ_value, resistance, high)
-        is_choked = ratio <= 0 or _pressure_excess(γ_value, ratio, first, high) >= 0
-        # A choked flow has M2 = 1.
-        bisections = 0 if is_choked else BISECTIONS
-        for _ in range(bisections):
-            middle = (low + high) / 2
-            if _pressure_excess(γ_value, ratio, _inlet(γ_value, resistance, middle), middle) > 0:
-                low = middle
-            else:
-                high = middle
-        M: list[Number] = [_inlet(γ_value, resistance, high), high]
+        # F is convex and nearly linear in 1/M², and at least resistance at this end.
+        most = 1 + 2 * γ * resistance + 2 * (γ + 1)
+        square = 1 / root(lambda z: _friction_of_square(γ, 1 / z) - resistance, 1.0, most)
+        # The end is choked if its pressure at M2 = 1 is above that downstream.
+        if x > _end_pressure_ratio(γ, square):
 
-        def residual(γ: Number, x: Number, M1: Number, M2: Number) -> list[Number]:
-            """Excess of both equations (1)."""
-            friction = friction_parameter(γ, M1) - friction_parameter(γ, M2) - resistance
-            if is_choked:
-                return [friction, M2 - 1]
-            return [friction, _pressure_excess(γ, x, M1, M2)]
+            def excess(s: Number) -> Number:
+                # Times M1², as this is nearly linear in it
+                friction = _friction_of_square(γ, s) - _friction_of_square(γ, _end_square(γ, x, s))
+                return s * (friction - resistance)
 
-        # Newton's method with the matrix in real numbers carries derivatives along.
-        for _ in range(POLISHING):
-            values = [float(_value(number)) for number in M]
-            matrix = np.zeros((2, 2))
-            for column in range(2):
-                varied: list[Number] = list(values)
-                varied[column] += 1j * COMPLEX_STEP
-                slopes = residual(γ_value, ratio, *varied)
-                matrix[:, column] = [np.imag(slope) / COMPLEX_STEP for slope in slopes]
-            inverse: Array = np.linalg.inv(matrix)
-            excess = residual(γ, x, *M)
-            M = [
-                M[row] - (inverse[row, 0] * excess[0] + inverse[row, 1] * excess[1])
-                for row in range(2)
-            ]
-        total = 1 + (γ - 1) / 2 * M[0] * M[0]
-        return M[0] * total ** (-(γ + 1) / (2 * (γ - 1)))
+            square = root(excess, 0.0, square)
+        return square**0.5 * (1 + (γ - 1) / 2 * square) ** (-(γ + 1) / (2 * (γ - 1)))
 
 
-def _pressure_excess(γ: Number, x: Number, M1: Number, M2: Number) -> Number:
-    """ln(p_end/(x p_up)), p_end the pressure at the end of a `Pipe` for the Mach numbers M1 behind
-    its inlet and M2 at its end: zero if that is the pressure downstream, x p_up, positive if it is
-    higher."""
-    first = 2 + (γ - 1) * M1 * M1
-    last = 2 + (γ - 1) * M2 * M2
-    inlet = -γ / (γ - 1) * log(first / 2)
-    return inlet + log(M1 / M2) + log(first / last) / 2 - log(x)
+def _end_pressure_ratio(γ: Number, square: Number) -> Number:
+    """p_end/p_up of a `Pipe` that is choked at its end, for M1² behind its inlet."""
+    first = 2 + (γ - 1) * square
+    return (first / 2) ** (-γ / (γ - 1)) * (square * first / (γ + 1)) ** 0.5
 
 
-def _inlet(γ: float, resistance: float, M2: float) -> float:
-    """Mach number M1 behind the inlet of a `Pipe`, for M2 at its end, by (1) there; `resistance` is
-    f L/D."""
-    target = resistance + float(friction_parameter(γ, M2))
-    s = np.log(M2)
-    # F is convex in ln M: from the left Newton's method converges without overshoot.
-    while friction_parameter(γ, float(np.exp(s))) < target:
-        s -= 1.0
-    for _ in range(BISECTIONS):
-        square = float(np.exp(2 * s))
-        slope = -4 * (1 - square) / (γ * square * (2 + (γ - 1) * square))
-        update = (friction_parameter(γ, float(np.exp(s))) - target) / slope
-        s -= update
-        if abs(update) < 1e-14:
-            break
-    return float(np.exp(s))
+def _end_square(γ: Number, x: Number, square: Number) -> Number:
+    """M2² at the end of a `Pipe` at which its pressure is x p_up, for M1² behind its inlet:
 
-
-def _value(number: Number) -> Number:
-    """The real value of a real, complex or dual number."""
-    real = number.real
-    return getattr(real, "value", real)
+    p_end/p_up = (1 + (γ - 1)/2 M1²)^(-γ/(γ - 1)) M1/M2 √((2 + (γ - 1) M1²)/(2 + (γ - 1) M2²))
+    """
+    first = 2 + (γ - 1) * square
+    # M2² (2 + (γ - 1) M2²), solved for M2² in the form that does not cancel
+    product = square / x**2 * first * (first / 2) ** (-2 * γ / (γ - 1))
+    return product / (1 + (1 + (γ - 1) * product) ** 0.5)
 
 
 @check_arguments
@@ -664,17 +569,22 @@ class FilmHeat(Wall):
         yield self.chamber
         yield from self.area.requires()
 
-    def compile(self, geometry: Geometry) -> WallState:
-        """T_outside [K], and h A [W/K] with the area in the middle of the step."""
+    def compile(self, geometry: Geometry) -> CompiledWall:
+        """T_outside [K], and h A [W/K] with the area in the middle of the step, or A [m²] if h is a
+        function."""
         area = geometry.area(self.area)
 
-        def state_in(h: float) -> tuple[Number, Conductance]:
+        def state_in(h: float) -> tuple[float, float]:
             # Measured once a step, not in each iteration
             size = area.aperture(h)
-            outside = self._outside(geometry)
-            return outside, lambda T: size * self._coefficient_at(T, outside, geometry)
+            if not callable(self.coefficient):
+                size = size * self.coefficient
+            return self._outside(geometry), size
 
-        return state_in
+        def coefficient(T: Number, outside: Number) -> Number:
+            return self._coefficient_at(T, outside, geometry)
+
+        return CompiledWall(state_in, coefficient)
 
     def _outside(self, geometry: Geometry) -> float:
         """T_outside [K] at the start of a step.  Collective."""
@@ -682,15 +592,19 @@ class FilmHeat(Wall):
         if not callable(given):
             return given
         what = f"FilmHeat '{self.name}': its temperature at t = {geometry.system.time:.6g} s"
-        found = float(ask_numbers(geometry.comm, what, lambda: given(geometry)))
+        seen = InStep(SeenSystem(geometry.system))
+        found = float(ask_numbers(geometry.comm, what, lambda: given(seen)))
         check(found > 0, f"{what} is {found!r} K; give one that is positive.")
         return found
 
-    def _coefficient_at(self, T: Number, outside: float, geometry: Geometry) -> float:
-        """The coefficient [W/(m² K)] at temperatures of the gas and outside [K].  Collective."""
-        given = self.coefficient
+    def _coefficient_at(self, T: Number, outside: Number, geometry: Geometry) -> Number:
+        """The coefficient [W/(m² K)] at temperatures of the gas and outside [K], one if it is a
+        number, which is part of the size."""
+        given: Any = self.coefficient
         if not callable(given):
-            return given
+            return 1.0
+        if isinstance(T, Symbol):
+            return given(T, outside)
         what = f"FilmHeat '{self.name}': its coefficient at {T:.6g} K"
         found = float(ask_numbers(geometry.comm, what, lambda: given(T, outside)))
         check(found >= 0, f"{what} is {found!r} W/(m² K); give one that is not negative.")

@@ -26,8 +26,9 @@ from gossamer_fx.mechanics.gas.contract import (
     Volume,
 )
 from gossamer_fx.mechanics.gas.network import GasNetwork
-from gossamer_fx.mechanics.gas.openings import Connection, LinearTable, Orifice
+from gossamer_fx.mechanics.gas.openings import Connection, Orifice
 from gossamer_fx.mechanics.gas.surface import Geometry
+from gossamer_fx.mechanics.gas.tables import LinearTable
 from gossamer_fx.mechanics.gas.volumes import Ambient
 
 
@@ -307,8 +308,9 @@ class Sublimation(Discharge):
 
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Mass flow [kg/s] of vapour into the chamber."""
+        vapour, mixture = gases
         partial: complex = 0.0
-        for one, fraction in zip(gases[1].species, gases[1].fractions, strict=True):
+        for one, fraction in zip(mixture.species, mixture.fractions, strict=True):
             if one == self.gas:
-                partial = p[1] * fraction * one.R / gases[1].R
-        return area * (p[0] - partial) / (2 * math.pi * self.gas.R * T[0]) ** 0.5
+                partial = p[1] * fraction * vapour.R / mixture.R
+        return area * (p[0] - partial) / (2 * math.pi * vapour.R * T[0]) ** 0.5

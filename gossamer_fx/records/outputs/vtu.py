@@ -157,7 +157,7 @@ class VTU:
 
     def _chosen_body(self, run: StateView) -> MeshBody:
         """The body whose fields are recorded: the given one, else the only one on a mesh."""
-        bodies = [one for one in run.system.bodies if is_on_mesh(one)]
+        bodies = [one for one in run.system.unknowns.bodies if is_on_mesh(one)]
         names = ", ".join(f"'{one.name}'" for one in bodies) or "none"
         if self.body is None:
             check(
@@ -271,23 +271,26 @@ class VTU:
 def _check_listed(path: Path, entries: list[Entry]) -> None:
     """Raise `InputError` if a PVD file lists a file that does not exist, or one twice: a list may
     be much longer than all files together."""
-    names_in: dict[Path, set[str]] = {}
+    # First, and on texts: paths of a million entries take half a minute.
     listed: set[str] = set()
     for entry in entries:
-        file = path.parent / entry.file
-        if file.parent not in names_in:
-            names_in[file.parent] = set()
-            if file.parent.is_dir():
-                names_in[file.parent] = set(os.listdir(file.parent))
-        check(
-            file.name in names_in[file.parent],
-            f"'{file}' is missing; put back a copy of it, or write the run again.",
-        )
         check(
             entry.file not in listed,
             f"'{path}' lists '{entry.file}' twice; write the run again.",
         )
         listed.add(entry.file)
+    names_in: dict[str, set[str]] = {}
+    for entry in entries:
+        folder, _, name = str(entry.file).rpartition("/")
+        if folder not in names_in:
+            names_in[folder] = set()
+            if (path.parent / folder).is_dir():
+                names_in[folder] = set(os.listdir(path.parent / folder))
+        check(
+            name in names_in[folder],
+            f"'{path.parent / entry.file}' is missing; put back a copy of it, or write the run "
+            "again.",
+        )
 
 
 def _file_name(record: int, rank: int) -> str:

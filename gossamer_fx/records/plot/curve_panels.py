@@ -46,6 +46,7 @@ STORED = "stored "  # before the names of parts that store energy
 _UNIT = re.compile(r"\[([^]]*)\]$")  # at the end of a probe's name
 _SCALED_UNITS = ("m", "m/s", "N", "Pa", "J", "W", "Hz")  # of probes, that get a prefix
 _NUMBER = re.compile(r"[\s_-]*\d+")  # that tells one part of a family from the others
+_MAX_PROBE_PANELS = 24  # each takes a third of a second
 _FAMILY = 3  # least number of parts, whose names differ in a number, that become a band
 _BAND = ("largest of ", "mean of ", "least of ")  # before the number and name of the parts
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
@@ -158,7 +159,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         probes = _thinned(run.table("probes.csv"))
         panels += [
             partial(_probes, over(probes) / factor, title, _in_bands(curves))
-            for title, curves in grouped(_without(probes, run.not_values)).items()
+            for title, curves in _few(grouped(_without(probes, run.not_values))).items()
             if any(np.isfinite(values).any() for values in curves.values())
         ]
     return Curves(panels, start=float(t.min()), end=float(t.max()), label=axis.label(unit))
@@ -187,6 +188,28 @@ def grouped(probes: Tables) -> dict[str, Tables]:
         else:
             panels.setdefault(titles[name], {})[parts[2]] = values
     return panels
+
+
+def _few(panels: dict[str, Tables]) -> dict[str, Tables]:
+    """Panels of probes, at most about as many as a page holds: of more, those of the same unit
+    share one, and of many units the last ones, too."""
+    if len(panels) <= _MAX_PROBE_PANELS:
+        return panels
+    of_unit: dict[str, Tables] = {}
+    for title, curves in panels.items():
+        found = _UNIT.search(title)
+        unit = f" [{found[1]}]" if found else ""
+        if unit not in of_unit and len(of_unit) >= _MAX_PROBE_PANELS:
+            unit = " of other units"
+        names = {f"{title} {name}".strip(): values for name, values in curves.items()}
+        of_unit.setdefault(unit, {}).update(names)
+    shared: dict[str, Tables] = {}
+    for unit, curves in of_unit.items():
+        title = f"{len(curves)} probes{unit}"
+        if len(curves) == 1:
+            title = next(iter(curves))
+        shared[title] = curves
+    return shared
 
 
 def _thinned(table: Tables) -> Tables:

@@ -30,6 +30,24 @@ class FirstRank(logging.Filter):
         return self._rank == 0 or getattr(record, "every_rank", False)
 
 
+class LogFile(logging.FileHandler):
+    """File of a log.  The first line that cannot be written is reported; the run goes on."""
+
+    _is_reported = False
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Report the error that has just occurred; called by `logging`."""
+        if self._is_reported:
+            return
+        self._is_reported = True
+        error = sys.exc_info()[1]
+        cause = getattr(error, "strerror", None) or error
+        sys.stderr.write(
+            f"gossamer: The log '{self.baseFilename}' cannot be written ({cause}) and lacks what "
+            "follows; the run goes on: make room, or give another file with --log.\n"
+        )
+
+
 # The filter is set at import, so that a script that sets up `logging` itself has no repeated lines.
 LOGGER.addFilter(FirstRank(MPI.COMM_WORLD.rank))
 
@@ -69,6 +87,6 @@ def log_to(comm: MPI.Intracomm, file: str | Path | None = None, *, quiet: bool =
         make_parent(comm, Path(file), file=True)
         # Several ranks that append to one file would mix their lines.
         if comm.rank == 0:
-            to_file = logging.FileHandler(file, encoding="utf-8")
+            to_file = LogFile(file, encoding="utf-8")
             to_file.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
             LOGGER.addHandler(to_file)

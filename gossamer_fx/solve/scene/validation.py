@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
+from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 from mpi4py import MPI
 
@@ -107,9 +108,13 @@ def warnings(items: list[Any]) -> Iterator[str]:
             yield from _of_mesh(item)
             yield from _of_strain(item)
             yield from _of_displacement(item)
+            yield from _of_properties(item)
         for holder in (item, getattr(item, "law", None)):
             yield from _of_numbers(item.name, holder)
         yield from _of_gas(item)
+        # Obstacles are not items of a scene: a contact has them.
+        for obstacle in getattr(item, "obstacles", ()):
+            yield from _of_numbers(f"{obstacle.name} of {item.name}", obstacle)
         if hasattr(item, "warnings"):
             yield from item.warnings(items)
 
@@ -197,6 +202,9 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 "2 (gmsh: model.mesh.setOrder(2))."
             )
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
+        varying = getattr(getattr(body, "constants", None), "thickness", None)
+        if isinstance(varying, fem.Function):
+            thickness = _ends(varying)[-1]
         bends = getattr(body, "bends", False) and thickness > 0
         aspect = comm.allreduce(float(aspects(corners).max(initial=1.0)), op=MPI.MAX)
         if bends and thickness < _ROUND_OFF_THIN * aspect * size:
@@ -236,17 +244,45 @@ def _width(domain: DolfinxMesh) -> float:
 
 def _of_numbers(name: str, holder: Any) -> Iterator[str]:
     """Warnings about numbers of an item or its law that are probably in another unit."""
-    for attribute, (least, most, unit, slip) in (_USUAL | getattr(holder, "USUAL", {})).items():
+    for attribute, usual in (_USUAL | getattr(holder, "USUAL", {})).items():
         value = getattr(holder, attribute, None)
         if attribute == "g" and isinstance(value, tuple):
             value = float(np.linalg.norm(value))
-        if isinstance(value, int | float) and not least <= value <= most:
-            with_unit = f" {unit}" if unit else ""
-            question = f": {slip}" if slip else "."
-            yield (
-                f"'{name}': {attribute} = {value:g}{with_unit} is unusual, "
-                f"{least:g} to {most:g}{with_unit} is not; numbers are in SI units{question}"
-            )
+        if isinstance(value, int | float):
+            yield from _of_number(name, attribute, value, usual)
+
+
+def _of_number(
+    name: str, attribute: str, value: float, usual: tuple[float, float, str, str]
+) -> Iterator[str]:
+    """A warning if a number is out of its usual range: least, most, unit and the likely slip."""
+    least, most, unit, slip = usual
+    if least <= value <= most:
+        return
+    with_unit = f" {unit}" if unit else ""
+    question = f": {slip}" if slip else "."
+    yield (
+        f"'{name}': {attribute} = {value:g}{with_unit} is unusual, "
+        f"{least:g} to {most:g}{with_unit} is not; numbers are in SI units{question}"
+    )
+
+
+def _of_properties(body: MeshBody) -> Iterator[str]:
+    """Warnings about properties that differ from cell to cell.  Collective."""
+    for attribute, usual in _USUAL.items():
+        field = getattr(getattr(body, "constants", None), attribute, None)
+        if isinstance(field, fem.Function):
+            for value in _ends(field):
+                yield from _of_number(body.name, attribute, value, usual)
+
+
+def _ends(field: fem.Function) -> tuple[float, ...]:
+    """The least and the largest value of a field, once if they are equal.  Collective."""
+    comm = field.function_space.mesh.comm
+    own = field.x.array
+    least = comm.allreduce(float(own.min(initial=np.inf)), op=MPI.MIN)
+    most = comm.allreduce(float(own.max(initial=-np.inf)), op=MPI.MAX)
+    return (least, most) if most > least else (least,)
 
 
 def _of_gas(item: Any) -> Iterator[str]:

@@ -11,11 +11,12 @@ from gossamer_fx.mechanics.contact.broad_phase.box_tree import (
     find_overlaps,
 )
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
+from gossamer_fx.mechanics.contact.pairs import (
+    EdgeEdge,
+    PointTriangle,
     approach_bounds,
     closest_points,
 )
-from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
 from tests.contact.random_pairs import all_pairs, table_of_primitives, triangle_soup
 
 

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from gossamer_fx.mechanics.contact.friction.friction_pairs import (
+from gossamer_fx.mechanics.contact.assembly import PairBlocks
+from gossamer_fx.mechanics.contact.contact_step import ContactLaw, PairStep
+from gossamer_fx.mechanics.contact.friction.friction_pairs import FrictionPairs
+from gossamer_fx.mechanics.contact.friction.sliding import (
     EDGE_WEIGHTS,
     BetweenBodies,
-    FrictionPairs,
-    FrictionStep,
     SlidingGeometry,
-    parameters_at_start,
 )
-from gossamer_fx.mechanics.contact.friction.start_derivative import (
-    add_product_with_start_derivative,
-)
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.potential import ContactLaw, pair_starts
-from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle, gap_weights_of
-from tests.contact.random_pairs import derivative_by_differences, near_pairs
+from gossamer_fx.mechanics.contact.pairs import EdgeEdge, PointTriangle, gap_weights_of
+from tests.contact.random_pairs import derivative_by_differences, near_pairs, step_of
 
 # Pairs of each kind; of them some ten rub.
 COUNT = 40
@@ -29,35 +22,36 @@ COEFFICIENT = 0.4
 CREEP = 0.01
 
 
-def rubbing_pairs(kind: int) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
+def rubbing_pairs(kind: int, alpha: float) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
     """Return pairs that rub, each between its four points, and both ends of a step."""
     pairs, x0, x1 = near_pairs(kind, COUNT, seed=8)
-    pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))
-    weights = gap_weights_of(pairs.kind, parameters_at_start(pairs))
+    step = step_of(pairs, x0, ContactLaw.BARRIER, alpha)
+    weights = gap_weights_of(pairs.kind, step.pairs.parameters)
     gap = np.einsum("nk,nkc->nc", weights, x0.reshape(COUNT, 4, 3))
     start = SlidingGeometry(
         normal=gap / np.linalg.norm(gap, axis=1)[:, None],
         gap_weights=weights,
         direction_weights=np.broadcast_to(EDGE_WEIGHTS[kind], (COUNT, 2, 4)),
     )
-    block_index = np.arange(16 * COUNT, dtype=np.int32).reshape(COUNT, 16)
-    return pairs_with_start(kind, pairs, start, block_index=block_index), x0, x1
+    return pairs_with_start(kind, step, start), x0, x1
 
 
-def pairs_with_start(kind: int, pairs, start: SlidingGeometry, **options) -> FrictionPairs:
+def pairs_with_start(kind: int, step: PairStep, start: SlidingGeometry) -> FrictionPairs:
     is_triangle = kind == PointTriangle.number
+    points = step.pairs.points
     return FrictionPairs(
+        step=step,
+        block_rows=points,
         # Weights of the points of one side of the pair: one point, or two of an edge.
-        pairs=pairs,
-        law=ContactLaw.BARRIER,
         side_weights=np.tile([1.0, 0, 0, 0] if is_triangle else [1.0, 1, 0, 0], (COUNT, 1)),
-        geometry=BetweenBodies(pairs.kind),
+        geometry=BetweenBodies(step.pairs.kind),
         start=start,
-        points=pairs.points,
+        points=points,
         point_weights=np.broadcast_to(np.eye(4), (COUNT, 4, 4)),
+        is_moved=np.ones((COUNT, 4)),
         coefficient=np.full(COUNT, COEFFICIENT),
-        block_rows=pairs.points.astype(np.int64),
-        **options,
+        has_shared_coefficient=np.ones(COUNT, dtype=bool),
+        creep=CREEP,
     )
 
 
@@ -67,11 +61,11 @@ def pairs_with_start(kind: int, pairs, start: SlidingGeometry, **options) -> Fri
 def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(
     kind: int, alpha: float
 ) -> None:
-    rub, x0, x1 = rubbing_pairs(kind)
+    rub, x0, x1 = rubbing_pairs(kind, alpha)
 
     def forces(end: np.ndarray) -> np.ndarray:
         found = np.zeros((4 * COUNT, 3))
-        rub.add_forces(FrictionStep(x0, end, CREEP, alpha=alpha), found)
+        rub.add_forces(end, found)
         return found.reshape(COUNT, 4, 3)
 
     F = forces(x1)
@@ -87,11 +81,12 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(
     work = np.einsum("nkc,nkc->n", F, displacement)
     # The work of the resistance, with the sign that the residual takes it.
     assert (work[rubs] > 0).all()
-    step = FrictionStep(x0, x1, CREEP, alpha=alpha)
-    assert work.sum() == pytest.approx(rub.loss(step), rel=1e-12)
+    assert work.sum() == pytest.approx(rub.loss(x1), rel=1e-12)
 
     blocks = np.zeros((16 * COUNT, 9))
-    rub.add_tangents(step, np.ones(4 * COUNT), blocks)
+    block_index = np.arange(16 * COUNT, dtype=np.int32).reshape(COUNT, 16)
+    state = rub.step.states(x1)
+    rub.add_tangents(x1, state, 1.0, PairBlocks(block_index, blocks), last=None)
     K = blocks.reshape(COUNT, 4, 4, 3, 3).transpose(0, 1, 3, 2, 4).reshape(COUNT, 12, 12)
     # 1e-7 balances truncation and round-off for positions of unit size.
     numeric = derivative_by_differences(forces, x1, 1e-7)
@@ -105,28 +100,26 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(
 
 def forces_from(kind: int, pairs, x0: np.ndarray, x1: np.ndarray) -> np.ndarray:
     """Friction forces (4n, 3) of pairs in a step from x0, with the geometry found there."""
-    pairs = replace(pairs, start=pair_starts(pairs, x0, *closest_points(pairs, x0)))
     found = np.zeros((len(x0), 3))
-    sliding_pairs(kind, pairs, x0).add_forces(FrictionStep(x0, x1, CREEP, alpha=0.5), found)
+    sliding_pairs(kind, pairs, x0).add_forces(x1, found)
     return found
 
 
 def sliding_pairs(kind: int, pairs, x0: np.ndarray) -> FrictionPairs:
-    """Pairs with starts, whose directions are those of the program."""
-    start = BetweenBodies(pairs.kind).at(x0[pairs.points], parameters_at_start(pairs))
-    return pairs_with_start(kind, pairs, start)
+    """Pairs in a step from x0, whose directions are those of the program."""
+    step = step_of(pairs, x0, ContactLaw.BARRIER)
+    start = BetweenBodies(pairs.kind).at(x0[pairs.points], step.pairs.parameters)
+    return pairs_with_start(kind, step, start)
 
 
 @pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
 def test_the_product_with_the_derivative_by_the_start_agrees_with_differences(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, COUNT, seed=8)
-    pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))
     rub = sliding_pairs(kind, pairs, x0)
-    step = FrictionStep(x0, x1, CREEP, alpha=0.5)
     rng = np.random.default_rng(2)
     μ = rng.normal(size=x0.shape)
     product = np.zeros_like(x0)
-    add_product_with_start_derivative(rub, step, μ, product)
+    rub.add_start_product(x1, μ, product)
     rubs = np.abs(product.reshape(COUNT, 12)).max(axis=1) > 0
     assert rubs.sum() > 10
 

@@ -14,10 +14,10 @@ import pytest
 import gossamer_fx
 from gossamer_fx.core.forms.c_source import declarations_of
 from gossamer_fx.mechanics.contact.cone import EdgeCone, PointInCone
+from gossamer_fx.mechanics.contact.contact_step import ContactLaw, PairState
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase import intersections
-from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState
-from gossamer_fx.mechanics.contact.stencils import STENCILS
+from gossamer_fx.mechanics.contact.pairs import STENCILS
 
 PACKAGE = Path(gossamer_fx.__file__).parent
 C_FILES = sorted(path for path in PACKAGE.rglob("*.[ch]"))

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_collisions
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import PairTable
-from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
+from gossamer_fx.mechanics.contact.pairs import EdgeEdge, PairTable, PointTriangle, closest_points
 from tests.contact.random_pairs import make_degenerate, table_of
 
 KINDS = (PointTriangle.number, EdgeEdge.number)

@@ -7,14 +7,15 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from gossamer_fx.mechanics.contact.narrow_phase import closest_points as module
-from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
+from gossamer_fx.mechanics.contact import pairs as module
+from gossamer_fx.mechanics.contact.pairs import (
+    CandidatePairs,
+    EdgeEdge,
     PairDistances,
+    PointTriangle,
     approach_bounds,
     closest_points,
 )
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
 from tests.contact.random_pairs import KINDS, near_pairs, table_of
 
 EDGES = EdgeEdge.number

@@ -15,8 +15,7 @@ from gossamer_fx.mechanics.contact.geometry.facets import (
     FilteredPrimitives,
 )
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.pair_table import PairTable
-from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
+from gossamer_fx.mechanics.contact.pairs import EdgeEdge, PairTable, PointTriangle
 
 # Overlaps for which there is room at first, for each box that is asked for; a surface has about six
 # neighbours a point, and a search with too little room is made once more with enough of it.
@@ -156,7 +155,7 @@ def morton_order(boxes: Array) -> Int32Array:
     return np.argsort(interleaved, kind="stable").astype(np.int32)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class OverlappingPairs(PairTable):
     """n pairs whose boxes overlap.
 

@@ -30,8 +30,7 @@ from gossamer_fx.mechanics.contact.geometry.surface_share import (
     SurfaceTables,
 )
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleBoundary, ObstacleSolid
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import SIDES
+from gossamer_fx.mechanics.contact.pairs import SIDES, CandidatePairs
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 # Identifiers of pairs are 4 k + sides: a room for one more kind of sides.

@@ -1,4 +1,4 @@
-/* Energy, forces and tangents of contact pairs; potential.py has the equations, whose numbers stand
+/* Energy, forces and tangents of contact pairs; contact_step.py has the equations, whose numbers stand
    here in brackets.
 
    Every pair goes through the same stages: out of range? geometry of the step, case (none,

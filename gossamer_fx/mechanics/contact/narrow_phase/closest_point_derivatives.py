@@ -1,7 +1,7 @@
 """Derivatives of the parameters of closest points with respect to the points of a pair.
 
 The closest points of two sides minimise φ(u, v) = |z|², z = r + u a + v b, over a triangle or a
-square, with the vectors r, a, b of `contact.potential`.  Where the minimum is in the interior both
+square, with the vectors r, a, b of `contact_step`.  Where the minimum is in the interior both
 parameters are free; on a side of the domain one combination of them is; at a corner none.  With the
 free directions D (2, f), the stationarity Dᵀ(a·z, b·z) = 0 gives
 

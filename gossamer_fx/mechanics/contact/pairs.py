@@ -1,30 +1,51 @@
-"""The stencil of each kind of contact pair: all that is different from one kind to the next.
+"""Contact pairs: their kinds, the tables in which they stand, their closest points and gaps.
 
-A kind is a row of `kernels/stencils.c` and the class here that has its number: together they say
-what the distance is, its derivatives, the range of the energy, and whether a point may get behind
-the other side.  Everything else asks the stencil.  A new kind is a new class, wherever it is
-written, and a row in C: see `cone.py`.
+A pair is two primitives that may touch: a point and a triangle, two edges, or a point and a
+boundary.
 
-The C functions give a number s for each pair, in which the energy is concave (`contact.potential`):
+Kinds.  The *stencil* of a kind has all that is different from one kind to the next.  A kind is a
+row of `kernels/stencils.c` and the class here that has its number: together they say what the
+distance is, its derivatives, the range of the energy, and whether a point may get behind the other
+side.  Everything else asks the stencil.  A new kind is a new class, wherever it is written, and a
+row in C: see `cone.py`.
 
-    two surfaces       s is the squared distance of the closest points [m²]
+Tables.  The stages of contact hand on a table with one row a pair.  It is a structure of arrays,
+since the C functions and NumPy work on columns.  The broad phase makes `CandidatePairs`, of which
+the active set makes `ActivePairs` with the columns of the energy.
+
+Distances.  The C functions give a number s for each pair, in which the energy is concave
+(`contact.contact_step`):
+
+    two surfaces       s is the squared distance of the closest points [m²], which have the
+                       parameters (u, v) on the two sides
     planes             s is the signed distance [m]
     inside of a room   s is minus the squared distance from its middle [m²]
 
-`distance` makes metres of it, and `gap` takes off the radii of both sides.
+`PairStencil.distance` makes metres of it; the `gap` of a pair is its distance [m] less the radii of
+both sides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.contract import Array, ByteArray, MaskArray, Sides
+from gossamer_fx.core.forms.c_source import CStruct, check_indices
+from gossamer_fx.mechanics.contact.contract import (
+    Array,
+    ByteArray,
+    Int32Array,
+    Int64Array,
+    MaskArray,
+    Sides,
+)
+from gossamer_fx.mechanics.contact.kernels.library import library
 
-# A table of pairs, `pair_table.PairTable`, whose module imports this one.
-type Pairs = Any
+# ---- kinds ----
+
 
 # ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
 # so steep that a fine sail needs 40 % more steps.
@@ -246,7 +267,7 @@ def is_boundary(kind: ByteArray) -> MaskArray:
     return np.asarray(SIDES[kind] == Sides.POINT_BOUNDARY)
 
 
-def gaps_of(pairs: Pairs, s: Array, radius: Array) -> Array:
+def gaps_of(pairs: PairTable, s: Array, radius: Array) -> Array:
     """Return the gaps (n,) [m] of pairs: their distance less the radii of both sides (n,) [m]."""
     gap = np.empty(len(pairs))
     for stencil, rows in stencils_of(pairs.kind):
@@ -264,7 +285,7 @@ def gap_weights_of(kind: ByteArray, parameters: Array) -> Array:
     return weights
 
 
-def derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> tuple[Array, Array]:
+def derivatives_of(pairs: PairTable, x: Array, parameters: Array) -> tuple[Array, Array]:
     """Return the distances (n,) [m] of pairs, and their derivatives (n, 4, 3) by their points x."""
     distance = np.empty(len(pairs), dtype=x.dtype)
     gradient = np.empty_like(x)
@@ -275,7 +296,7 @@ def derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> tuple[Array, Ar
     return distance, gradient
 
 
-def parameter_derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> Array:
+def parameter_derivatives_of(pairs: PairTable, x: Array, parameters: Array) -> Array:
     """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) of pairs by their points x (n, 4, 3)."""
     found = np.empty((len(pairs), 2, 4, 3))
     for stencil, rows in stencils_of(pairs.kind):
@@ -290,3 +311,224 @@ def lengths_of(vectors: Array) -> Array:
     """Return the lengths (...) of vectors (..., k). Of complex vectors it is the analytic function
     of them, and not the norm: a complex step differentiates it."""
     return np.sqrt((vectors * vectors).sum(axis=-1))
+
+
+# ---- tables ----
+
+
+class PairRows:
+    """Base of dataclasses whose fields are arrays with a row for each of n pairs."""
+
+    def rows(self, which: Any) -> Self:
+        """Return a table of some rows, given by indices or by a mask (n,)."""
+        columns: dict[str, Any] = {}
+        for column in fields(cast(Any, self)):
+            values = getattr(self, column.name)
+            # A column that no kind needs is absent.
+            columns[column.name] = None if values is None else values[which]
+        return type(self)(**columns)
+
+
+@dataclass(frozen=True, eq=False)
+class PairTable(PairRows):
+    """n pairs of this rank: what their distances need.
+
+    Attributes:
+        kind: of each pair (n,), the number of its stencil.
+        points: numbers (n, 4) of its points in the contact.
+        shape: number (n,) that the stencil needs, such as the radius of a room [m]; None: zeros.
+    """
+
+    kind: ByteArray
+    points: Int32Array
+    shape: Array | None = field(default=None, kw_only=True)
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def followed_by(self, other: Self) -> Self:
+        """Return a table of these rows and those of another one that has the same columns."""
+        columns = {}
+        for column in fields(self):
+            both = (getattr(self, column.name), getattr(other, column.name))
+            columns[column.name] = np.concatenate(both)
+        return type(self)(**columns)
+
+    def check(self, point_count: int) -> None:
+        """Raise `ValueError` if a pair has a point or kind that does not exist: C does not look."""
+        check_indices("The points of pairs", self.points, point_count)
+        check_indices("The kinds of pairs", self.kind, max(STENCILS) + 1)
+
+    def geometry(self, which: Any) -> PairTable:
+        """Return what the distances of some rows need, without the columns of a subclass."""
+        shape = None if self.shape is None else self.shape[which]
+        return PairTable(self.kind[which], self.points[which], shape=shape)
+
+    @property
+    def shapes(self) -> Array:
+        """The numbers (n,) that stencils need."""
+        return np.zeros(len(self)) if self.shape is None else self.shape
+
+    @property
+    def second_point(self) -> Int32Array:
+        """The first point (n,) of the second side."""
+        # The second side begins behind one point, or behind the two ends of an edge.
+        is_edges = SIDES[self.kind] == Sides.EDGE_EDGE
+        return np.where(is_edges, self.points[:, 2], self.points[:, 1])
+
+
+@dataclass(frozen=True, eq=False)
+class CandidatePairs(PairTable):
+    """Pairs that may come near in the next steps.
+
+    Attributes:
+        identifier: numbers (n,) that are the same on every rank and in every search, by which
+            history variables find their pair again; see `CollisionMesh.identifiers`.
+        area: for which each pair stands [m²] (n,).
+        radius: of both sides together [m] (n,), for cables, beams and round obstacles.
+    """
+
+    identifier: Int64Array
+    area: Array
+    radius: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ActivePairs(PairTable):
+    """Pairs that may have energy k b(x) in a step, x = (s - offset)/width of the squared distance
+    s.
+
+    Attributes:
+        identifier: as those of candidates (n,).
+        stiffness: k [J] (n,).
+        width: change of s over which the energy falls to zero (n,), in the unit of s: [m²] or [m].
+        offset: s at which x is zero (n,).
+    """
+
+    identifier: Int64Array
+    stiffness: Array
+    width: Array
+    offset: Array
+
+
+@dataclass(frozen=True, eq=False)
+class StepPairs(ActivePairs):
+    """Active pairs with what their energy rule needs from the start of a step; see
+    `contact_step.begin_at`.
+
+    Attributes:
+        start: parameters u, v of the closest points, distance [m], and s with rounded edges (n, 4).
+    """
+
+    start: Array
+
+    @property
+    def parameters(self) -> Array:
+        """(u, v) (n, 2) [-] of the closest points at the start."""
+        return self.start[:, :2]
+
+
+def pair_list_fields(pairs: PairTable) -> dict[str, Any]:
+    """Return the fields of a `pair_list`, which other structures hold, too."""
+    c = library()
+    count = len(pairs)
+    return {
+        "count": count,
+        "points": c.array("points", pairs.points, "int32", (count, 4)),
+        "kind": c.array("kind", pairs.kind, "uint8", (count,)),
+        "shape": c.array("shape", pairs.shape, "float64", (count,)),
+    }
+
+
+def pair_list(pairs: PairTable) -> CStruct:
+    """Return what distances of pairs need as a `pair_list`."""
+    return library().struct("pair_list", pair_list_fields(pairs))
+
+
+# ---- closest points and gaps ----
+
+# Pairs whose gaps are computed at once: of all pairs at once the temporary arrays take more memory
+# than what is kept.
+PAIRS_AT_ONCE = 2**16
+
+
+def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
+    """Return the squared distances s (n,) [m²] of contact pairs at points x (m, 3) [m], and the
+    parameters (u, v) (n, 2) [-] of their closest points.
+
+    Of boundaries s is what the module says.  The closest points of two edges are at u and v of
+    their lengths; the one on a triangle is corner 0 + u (corner 1 - corner 0) + v (corner 2 -
+    corner 0).  Boundaries have no parameters: zeros.
+    """
+    c = library()
+    count = len(pairs)
+    squared_distance = np.empty(count)
+    parameters = np.empty((count, 2))
+    c.lib.closest_points(
+        pair_list(pairs).pointer,
+        c.array("x", x, "float64", (len(x), 3)),
+        c.array("squared_distance", squared_distance, "float64", (count,), writable=True),
+        c.array("parameters", parameters, "float64", (count, 2), writable=True),
+    )
+    return squared_distance, parameters
+
+
+def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
+    """Return by how much (n,) [m] contact pairs can come closer at most while their points move
+    straight from x0 to x1 (m, 3) [m]; infinite for boundaries."""
+    # The compiled C library of contact, which checks the arrays that it gets
+    c = library()
+    points = len(x0)
+    bound = np.empty(len(pairs))
+    c.lib.approach_bounds(
+        pair_list(pairs).pointer,
+        c.array("x0", x0, "float64", (points, 3)),
+        c.array("x1", x1, "float64", (points, 3)),
+        c.array("bound", bound, "float64", (len(pairs),), writable=True),
+    )
+    return bound
+
+
+class PairDistances:
+    """Gaps of all candidates at one set of points x (m, 3).
+
+    Far pairs need no closest points: their gap may be a lower bound that follows from an earlier
+    state.  Closest points are computed for those that ask for them, and not kept: in packed layers
+    less than one candidate in forty takes part in a step.
+
+    Attributes:
+        candidates: the n pairs.
+        x: the points (m, 3) [m].
+        gap: gaps (n,) [m], exact for those that were computed at first, else lower bounds.
+    """
+
+    def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
+        """Start with lower bounds of the gaps; `make_exact` replaces some of them. `lower_bound`:
+        of each gap (n,) [m]; the array becomes `gap` and is changed in place."""
+        self.candidates = candidates
+        self.x = x
+        self.gap = lower_bound
+
+    @classmethod
+    def of(cls, candidates: CandidatePairs, x: Array) -> PairDistances:
+        """Compute all gaps at points x."""
+        found = cls(candidates, x, np.empty(len(candidates)))
+        found.make_exact()
+        return found
+
+    def make_exact(self, rows: Int64Array | None = None) -> None:
+        """Replace the lower bounds of the gaps [m] of some pairs, by default of all, by the gaps;
+        `rows`: indices (k,)."""
+        count = len(self.candidates) if rows is None else len(rows)
+        for first in range(0, count, PAIRS_AT_ONCE):
+            some: Any = slice(first, first + PAIRS_AT_ONCE)
+            if rows is not None:
+                some = rows[some]
+            geometry = self.candidates.geometry(some)
+            squared_distance, _ = closest_points(geometry, self.x)
+            self.gap[some] = gaps_of(geometry, squared_distance, self.candidates.radius[some])
+
+    def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
+        """Return squared distances s (k,) and parameters (k, 2) of the closest points of some pairs
+        (mask (n,)), as the function of this name."""
+        return closest_points(self.candidates.geometry(rows), self.x)

@@ -1,0 +1,24 @@
+"""Run a script behind the door: python3 -P -m gossamer_fx.app.cli.script FILE [ARGUMENTS].
+
+Libraries that the script imports before this package, e.g. mpi4py, read nothing in the current
+folder either, see `gossamer_fx/core/checks/door.py`.
+"""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+
+from gossamer_fx.core.checks.door import import_from
+
+# The words before the file.
+BEHIND_THE_DOOR = ("-P", "-m", "gossamer_fx.app.cli.script")
+
+if __name__ == "__main__":
+    program = Path(sys.argv[1])
+    sys.argv = sys.argv[1:]
+    if not program.is_dir():
+        # As Python does for a script; for a folder runpy does so itself.
+        import_from(program.resolve().parent)
+    runpy.run_path(str(program), run_name="__main__")

@@ -1,0 +1,1121 @@
+/* The balance of all chambers of a network, its derivatives and its solution, with flows, heats and
+   properties of gases by compiled laws.  See network.h. */
+#include "network.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Processes of chambers, see `static_processes` in gas/balance.py */
+enum { IN_TIME, ADIABATIC, ISOTHERMAL, HELD };
+
+/* Properties of a state: p, T, R, gamma, then mass fractions. */
+enum { PRESSURE, TEMPERATURE, GAS_CONSTANT, HEAT_RATIO, FRACTIONS };
+
+/* The state of a gas at which flows are taken.  Its variables are those of a chamber, p1, V1, m1,
+   then p0, V0, m0 and theta if all derivatives are wanted, or p and T of a boundary. */
+typedef struct {
+    ptrdiff_t species_count;
+    const int32_t *species;
+    double *values;   /* (4 + species) */
+    double *enthalpy; /* (species) [J/kg] */
+    double *by_T;     /* (species) their slopes by the temperature */
+    ptrdiff_t variable_count;
+    int32_t *columns; /* (variables) */
+    double *slopes;   /* (variables, 4 + species) */
+} gas_state;
+
+static ptrdiff_t state_size(const gas_network *net)
+{
+    const ptrdiff_t g = net->species_count;
+    return 4 + 3 * g + (2 * g + 5) * (4 + g);
+}
+
+/* Where groups of columns of derivatives begin */
+typedef struct {
+    ptrdiff_t V1, p0, m0, V0, theta, walls, boundary, area, wall_state, W, all;
+} gas_columns;
+
+static gas_columns columns_of(const gas_network *net)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t s = net->mass_count;
+    gas_columns at;
+    at.V1 = n + s;
+    at.p0 = at.V1 + n;
+    at.m0 = at.p0 + n;
+    at.V0 = at.m0 + s;
+    at.theta = at.V0 + n;
+    at.walls = at.theta + n;
+    at.boundary = at.walls + net->wall_count;
+    at.area = at.boundary + 2 * net->boundary_count;
+    at.wall_state = at.area + net->opening_count;
+    at.W = at.wall_state + 2 * net->wall_count;
+    at.all = at.W + n;
+    return at;
+}
+
+ptrdiff_t gas_column_count(const gas_network *net) { return columns_of(net).all; }
+
+ptrdiff_t gas_work_length(const gas_network *net)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t s = net->mass_count;
+    const ptrdiff_t g = net->species_count;
+    const ptrdiff_t size = n + s;
+    const ptrdiff_t states = (n + net->boundary_count) * state_size(net);
+    const ptrdiff_t solution = 6 * size + size * size + size * (size + n);
+    const ptrdiff_t law = 4 * (9 + 2 * g) + 2 * (2 * g + 5) * (g + 4);
+    return states + solution + law + 2 * n + 2 * s + net->opening_count + 2;
+}
+
+static gas_state state_in(const gas_network *net, ptrdiff_t k)
+{
+    const ptrdiff_t g = net->species_count;
+    gas_state state;
+    state.species_count = net->state_first[k + 1] - net->state_first[k];
+    state.species = net->state_species + net->state_first[k];
+    state.values = net->work + k * state_size(net);
+    state.enthalpy = state.values + 4 + g;
+    state.by_T = state.enthalpy + g;
+    state.slopes = state.by_T + g;
+    state.columns = net->columns + k * (4 * g + 8);
+    state.variable_count = 0;
+    if (k >= net->chamber_count) state.variable_count = 2;
+    return state;
+}
+
+/* Memory behind that of the states */
+static double *scratch(const gas_network *net)
+{
+    return net->work + (net->chamber_count + net->boundary_count) * state_size(net);
+}
+
+/* Energy u, c_v, and the slope of c_v of a species at a temperature. */
+static void heat_of(const gas_network *net, int32_t species, double T, double *u, double *cv,
+                    double *cv_by_T)
+{
+    double f[2];
+    double df[2];
+    double *x = net->heat_inputs + net->heat_first[species];
+    x[0] = T;
+    net->heat[species](x, f, cv_by_T ? df : NULL, NULL);
+    *u = f[0];
+    *cv = f[1];
+    if (cv_by_T) *cv_by_T = df[1];
+}
+
+/* Set R, gamma and enthalpies of a state from its temperature and fractions, and those of their
+   slopes that follow from the slopes of both. */
+static void set_properties(const gas_network *net, gas_state *state)
+{
+    const ptrdiff_t count = state->species_count;
+    const ptrdiff_t width = FRACTIONS + count;
+    const double T = state->values[TEMPERATURE];
+    const double *Y = state->values + FRACTIONS;
+    double R = 0;
+    double cv = 0;
+    double cv_by_T = 0;
+    for (ptrdiff_t j = 0; j < count; ++j) {
+        double u;
+        double own;
+        double slope;
+        heat_of(net, state->species[j], T, &u, &own, &slope);
+        const double own_R = net->R[state->species[j]];
+        state->enthalpy[j] = u + own_R * T;
+        state->by_T[j] = own + own_R;
+        R += Y[j] * own_R;
+        cv += Y[j] * own;
+        cv_by_T += Y[j] * slope;
+    }
+    state->values[GAS_CONSTANT] = R;
+    state->values[HEAT_RATIO] = 1 + R / cv;
+    for (ptrdiff_t i = 0; i < state->variable_count; ++i) {
+        double *slope = state->slopes + i * width;
+        double R_slope = 0;
+        double cv_slope = cv_by_T * slope[TEMPERATURE];
+        for (ptrdiff_t j = 0; j < count; ++j) {
+            const double own_R = net->R[state->species[j]];
+            R_slope += slope[FRACTIONS + j] * own_R;
+            cv_slope += slope[FRACTIONS + j] * (state->by_T[j] - own_R);
+        }
+        slope[GAS_CONSTANT] = R_slope;
+        slope[HEAT_RATIO] = R_slope / cv - R / (cv * cv) * cv_slope;
+    }
+}
+
+/* Enter the variables of a chamber into its state: p, V and the masses of one end of the step, with
+   the share of that end in the pressure and in the masses that are mixed. */
+static ptrdiff_t add_end(const gas_network *net, ptrdiff_t k, gas_state *state, ptrdiff_t i,
+                         double share, double p, double V, double mass_times_R, double mixed,
+                         const ptrdiff_t at[3])
+{
+    const ptrdiff_t count = state->species_count;
+    const ptrdiff_t width = FRACTIONS + count;
+    double *slope = state->slopes + i * width;
+    memset(slope, 0, (size_t)((2 + count) * width) * sizeof *slope);
+    state->columns[i] = (int32_t)(at[0] + k);
+    slope[PRESSURE] = share;
+    slope[TEMPERATURE] = V / mass_times_R;
+    slope += width;
+    state->columns[i + 1] = (int32_t)(at[2] + k);
+    slope[TEMPERATURE] = p / mass_times_R;
+    for (ptrdiff_t j = 0; j < count; ++j) {
+        slope += width;
+        state->columns[i + 2 + j] = (int32_t)(at[1] + net->state_first[k] + j);
+        slope[TEMPERATURE] =
+            -state->values[TEMPERATURE] * net->R[state->species[j]] / mass_times_R;
+        for (ptrdiff_t other = 0; other < count; ++other)
+            slope[FRACTIONS + other] =
+                share / mixed * ((other == j) - state->values[FRACTIONS + other]);
+    }
+    return i + 2 + count;
+}
+
+/* The state (3) of a chamber at which its flows are taken. */
+static void set_chamber(const gas_network *net, ptrdiff_t k, const double *y, const double *V,
+                        int order)
+{
+    const ptrdiff_t n = net->chamber_count;
+    gas_state state = state_in(net, k);
+    const gas_columns at = columns_of(net);
+    const double *m0 = net->m0 + net->state_first[k];
+    const double *m1 = y + n + net->state_first[k];
+    const double theta = net->theta[k];
+    double mass_times_R = 0;
+    double mixed = 0;
+    for (ptrdiff_t j = 0; j < state.species_count; ++j) {
+        mass_times_R += (m0[j] + m1[j]) * net->R[state.species[j]];
+        state.values[FRACTIONS + j] = m0[j] + theta * (m1[j] - m0[j]);
+        mixed += state.values[FRACTIONS + j];
+    }
+    for (ptrdiff_t j = 0; j < state.species_count; ++j) state.values[FRACTIONS + j] /= mixed;
+    state.values[PRESSURE] = net->p0[k] + theta * (y[k] - net->p0[k]);
+    state.values[TEMPERATURE] = (net->pV0[k] + y[k] * V[k]) / mass_times_R;
+    ptrdiff_t count = 0;
+    if (order > 0) {
+        const ptrdiff_t columns[3] = {0, n, at.V1};
+        count = add_end(net, k, &state, count, theta, y[k], V[k], mass_times_R, mixed, columns);
+    }
+    if (order > 1) {
+        const ptrdiff_t columns[3] = {at.p0, at.m0, at.V0};
+        count = add_end(net, k, &state, count, 1 - theta, net->p0[k], net->V0[k], mass_times_R,
+                        mixed, columns);
+        double *slope = state.slopes + count * (FRACTIONS + state.species_count);
+        memset(slope, 0, (size_t)(FRACTIONS + state.species_count) * sizeof *slope);
+        state.columns[count] = (int32_t)(at.theta + k);
+        slope[PRESSURE] = y[k] - net->p0[k];
+        double sum = 0;
+        for (ptrdiff_t j = 0; j < state.species_count; ++j) sum += m1[j] - m0[j];
+        for (ptrdiff_t j = 0; j < state.species_count; ++j)
+            slope[FRACTIONS + j] =
+                (m1[j] - m0[j] - state.values[FRACTIONS + j] * sum) / mixed;
+        ++count;
+    }
+    state.variable_count = count;
+    set_properties(net, &state);
+}
+
+/* The state of a chamber at the start of the step. */
+static void set_start(const gas_network *net, ptrdiff_t k, int order)
+{
+    gas_state state = state_in(net, k);
+    const gas_columns at = columns_of(net);
+    const double *m0 = net->m0 + net->state_first[k];
+    double mass_times_R = 0;
+    double mixed = 0;
+    for (ptrdiff_t j = 0; j < state.species_count; ++j) {
+        mass_times_R += m0[j] * net->R[state.species[j]];
+        mixed += m0[j];
+    }
+    for (ptrdiff_t j = 0; j < state.species_count; ++j)
+        state.values[FRACTIONS + j] = m0[j] / mixed;
+    state.values[PRESSURE] = net->p0[k];
+    state.values[TEMPERATURE] = net->pV0[k] / mass_times_R;
+    if (order > 0) {
+        const ptrdiff_t columns[3] = {at.p0, at.m0, at.V0};
+        state.variable_count = add_end(net, k, &state, 0, 1.0, net->p0[k], net->V0[k],
+                                       mass_times_R, mixed, columns);
+    }
+    set_properties(net, &state);
+}
+
+/* The state of a boundary. */
+static void set_boundary(const gas_network *net, ptrdiff_t b, int order)
+{
+    gas_state state = state_in(net, net->chamber_count + b);
+    const ptrdiff_t width = FRACTIONS + state.species_count;
+    const double *fractions = net->fractions + (state.species - net->state_species);
+    memcpy(state.values + FRACTIONS, fractions, (size_t)state.species_count * sizeof *fractions);
+    state.values[PRESSURE] = net->boundary[2 * b];
+    state.values[TEMPERATURE] = net->boundary[2 * b + 1];
+    state.variable_count = order > 1 ? 2 : 0;
+    if (order > 1) {
+        memset(state.slopes, 0, (size_t)(2 * width) * sizeof *state.slopes);
+        state.slopes[PRESSURE] = 1;
+        state.slopes[width + TEMPERATURE] = 1;
+        for (int32_t i = 0; i < 2; ++i)
+            state.columns[i] = (int32_t)columns_of(net).boundary + 2 * (int32_t)b + i;
+    }
+    set_properties(net, &state);
+}
+
+/* Number of variables of a state with derivatives of an order. */
+static gas_state ready_state(const gas_network *net, ptrdiff_t k, int order, int is_start)
+{
+    gas_state state = state_in(net, k);
+    if (k >= net->chamber_count)
+        state.variable_count = order > 1 ? 2 : 0;
+    else if (is_start)
+        state.variable_count = order > 0 ? 2 + state.species_count : 0;
+    else if (order > 0)
+        state.variable_count = order > 1 ? 2 * (2 + state.species_count) + 1
+                                         : 2 + state.species_count;
+    return state;
+}
+
+static void set_states(const gas_network *net, const double *y, const double *V, int order)
+{
+    for (ptrdiff_t k = 0; k < net->chamber_count; ++k) set_chamber(net, k, y, V, order);
+    if (order > 1)
+        for (ptrdiff_t b = 0; b < net->boundary_count; ++b) set_boundary(net, b, order);
+}
+
+static ptrdiff_t species_of(const gas_network *net, ptrdiff_t i)
+{
+    return net->carried_first[i + 1] - net->carried_first[i];
+}
+
+/* Enter the states at both ends into the arguments of the law of an opening. */
+static double *set_inputs(const gas_network *net, ptrdiff_t i, const gas_state ends[2])
+{
+    double *x = net->inputs + net->input_first[i];
+    const ptrdiff_t count = species_of(net, i);
+    const int32_t *local = net->local + 2 * net->carried_first[i];
+    for (int side = 0; side < 2; ++side) {
+        double *own = x + side * (FRACTIONS + count);
+        memcpy(own, ends[side].values, FRACTIONS * sizeof *own);
+        for (ptrdiff_t j = 0; j < count; ++j) {
+            const int32_t number = local[2 * j + side];
+            own[FRACTIONS + j] = number < 0 ? 0 : ends[side].values[FRACTIONS + number];
+        }
+    }
+    x[2 * (FRACTIONS + count)] = net->area[i];
+    return x;
+}
+
+/* Sum of the slopes of a law by the properties of an end times those of the properties by one
+   variable of its state. */
+static double chain(const gas_network *net, ptrdiff_t i, int side, const gas_state *state,
+                    ptrdiff_t variable, const double *by, ptrdiff_t by_count)
+{
+    const double *slope = state->slopes + variable * (FRACTIONS + state->species_count);
+    const int32_t *local = net->local + 2 * net->carried_first[i];
+    double sum = 0;
+    for (ptrdiff_t j = 0; j < by_count && j < FRACTIONS; ++j) sum += by[j] * slope[j];
+    for (ptrdiff_t j = FRACTIONS; j < by_count; ++j) {
+        const int32_t number = local[2 * (j - FRACTIONS) + side];
+        if (number >= 0) sum += by[j] * slope[FRACTIONS + number];
+    }
+    return sum;
+}
+
+/* Mass fraction of a species in what flows from a state, and that state's number of it. */
+static double fraction_of(const gas_network *net, ptrdiff_t i, ptrdiff_t j, int up,
+                          const gas_state *state, int32_t *number)
+{
+    const ptrdiff_t at = net->carried_first[i] + j;
+    *number = net->local[2 * at + up];
+    if (net->carried[at] >= 0) return net->carried[at];
+    return *number < 0 ? 0 : state->values[FRACTIONS + *number];
+}
+
+/* Enthalpy [J/kg] of a species at the temperature of a state, and its slope. */
+static double enthalpy_of(const gas_network *net, ptrdiff_t i, ptrdiff_t j, int32_t number,
+                          const gas_state *state, double *by_T)
+{
+    if (number >= 0) {
+        *by_T = state->by_T[number];
+        return state->enthalpy[number];
+    }
+    const int32_t species = net->carried_species[net->carried_first[i] + j];
+    double u;
+    double cv;
+    heat_of(net, species, state->values[TEMPERATURE], &u, &cv, NULL);
+    *by_T = cv + net->R[species];
+    return u + net->R[species] * state->values[TEMPERATURE];
+}
+
+/* Add the product of a column of slopes of an opening's flow with the signs at both ends to the
+   rows of the chambers; `by_energy` is the slope of its energy flow, `by_mass` of its mass flow,
+   which has the fractions Y with the slopes Y_slopes, null for none, at the mass flow `mass`. */
+static void add_column(const gas_network *net, ptrdiff_t i, int up, const gas_state ends[2],
+                       double by_energy, double by_mass, double mass, const double *fractions,
+                       const double *fraction_slopes, ptrdiff_t column, ptrdiff_t stride,
+                       double *by)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t count = species_of(net, i);
+    const int32_t *local = net->local + 2 * net->carried_first[i];
+    (void)up;
+    (void)ends;
+    for (int side = 0; side < 2; ++side) {
+        const int32_t k = net->ends[2 * i + side];
+        const double gained = side == 0 ? -*net->h : *net->h;
+        if (k >= n) continue;
+        by[k * stride + column] -= gained * by_energy;
+        for (ptrdiff_t j = 0; j < count; ++j) {
+            const int32_t number = local[2 * j + side];
+            if (number < 0) continue;
+            double slope = fractions[j] * by_mass;
+            if (fraction_slopes) slope += fraction_slopes[j] * mass;
+            by[(n + net->state_first[k] + number) * stride + column] -= gained * slope;
+        }
+    }
+}
+
+/* Add the flow through an opening: to the sums of `gas_rates` if `openings` is given, and its
+   derivatives to those of the residual if `by` is given. */
+static void add_flow(const gas_network *net, ptrdiff_t i, int order, double *openings,
+                     double *mass, double *energy, double *supplied, double *by, ptrdiff_t stride)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t count = species_of(net, i);
+    const ptrdiff_t width = FRACTIONS + count;
+    gas_state ends[2];
+    for (int side = 0; side < 2; ++side)
+        ends[side] = ready_state(net, net->ends[2 * i + side], order, 0);
+    double *f = scratch(net);
+    double *df = f + 3;
+    double *fractions = df + 3 * (2 * width + 1);
+    double *fraction_slopes = fractions + count;
+    const double *x = set_inputs(net, i, ends);
+    const ptrdiff_t by_count = order > 1 ? width : net->by_count[i];
+    if (order > 1)
+        net->slopes[i](x, f, df, NULL);
+    else
+        net->flow[i](x, f, by ? df : NULL, NULL);
+    const double flow = f[0];
+    const int up = flow >= 0 ? 0 : 1;
+    const gas_state *gas = &ends[up];
+    double enthalpy = 0;
+    double enthalpy_by_T = 0;
+    for (ptrdiff_t j = 0; j < count; ++j) {
+        int32_t number;
+        double slope;
+        fractions[j] = fraction_of(net, i, j, up, gas, &number);
+        if (fractions[j] == 0 && number < 0) continue;
+        enthalpy += fractions[j] * enthalpy_of(net, i, j, number, gas, &slope);
+        enthalpy_by_T += fractions[j] * slope;
+    }
+    if (openings) {
+        openings[i] = flow;
+        for (int side = 0; side < 2; ++side) {
+            const int32_t k = net->ends[2 * i + side];
+            const double sign = side == 0 ? -1 : 1;
+            if (k >= n) {
+                supplied[0] -= sign * flow;
+                supplied[1] -= sign * enthalpy * flow;
+                continue;
+            }
+            energy[k] += sign * enthalpy * flow;
+            const int32_t *local = net->local + 2 * net->carried_first[i];
+            for (ptrdiff_t j = 0; j < count; ++j) {
+                const int32_t number = local[2 * j + side];
+                if (number >= 0)
+                    mass[net->state_first[k] + number] += sign * fractions[j] * flow;
+            }
+        }
+    }
+    if (!by) return;
+    for (int side = 0; side < 2; ++side) {
+        const gas_state *state = &ends[side];
+        for (ptrdiff_t variable = 0; variable < state->variable_count; ++variable) {
+            const double by_mass =
+                chain(net, i, side, state, variable, df + side * by_count, by_count);
+            double by_energy = enthalpy * by_mass;
+            const double *slopes = NULL;
+            if (side == up) {
+                const double *own =
+                    state->slopes + variable * (FRACTIONS + state->species_count);
+                double enthalpy_slope = enthalpy_by_T * own[TEMPERATURE];
+                for (ptrdiff_t j = 0; j < count; ++j) {
+                    const ptrdiff_t at = net->carried_first[i] + j;
+                    const int32_t number = net->local[2 * at + up];
+                    fraction_slopes[j] = 0;
+                    if (net->carried[at] >= 0 || number < 0) continue;
+                    fraction_slopes[j] = own[FRACTIONS + number];
+                    enthalpy_slope += own[FRACTIONS + number] * state->enthalpy[number];
+                }
+                by_energy += enthalpy_slope * flow;
+                slopes = fraction_slopes;
+            }
+            add_column(net, i, up, ends, by_energy, by_mass, flow, fractions, slopes,
+                       state->columns[variable], stride, by);
+        }
+    }
+    if (order > 1) {
+        const double by_area = df[2 * width];
+        add_column(net, i, up, ends, enthalpy * by_area, by_area, flow, fractions, NULL,
+                   columns_of(net).area + i, stride, by);
+    }
+}
+
+/* Internal energy [J] of a chamber from p V [J] and masses, with its slopes by p V and by masses,
+   and its temperature; null for none. */
+static double energy_of(const gas_network *net, ptrdiff_t k, double pV, const double *m,
+                        double *by_pV, double *by_m, double *temperature)
+{
+    const ptrdiff_t count = net->state_first[k + 1] - net->state_first[k];
+    const int32_t *species = net->state_species + net->state_first[k];
+    double mass_times_R = 0;
+    for (ptrdiff_t j = 0; j < count; ++j) mass_times_R += m[j] * net->R[species[j]];
+    const double T = pV / mass_times_R;
+    double energy = 0;
+    double capacity = 0;
+    for (ptrdiff_t j = 0; j < count; ++j) {
+        double u;
+        double cv;
+        heat_of(net, species[j], T, &u, &cv, NULL);
+        energy += m[j] * u;
+        capacity += m[j] * cv;
+        if (by_m) by_m[j] = u;
+    }
+    const double factor = capacity / mass_times_R;
+    if (by_pV) *by_pV = factor;
+    if (by_m)
+        for (ptrdiff_t j = 0; j < count; ++j) by_m[j] -= factor * T * net->R[species[j]];
+    if (temperature) *temperature = T;
+    return energy;
+}
+
+/* Internal energy [J] of masses m of a chamber at the temperature of the start. */
+static double energy_at_start(const gas_network *net, ptrdiff_t k, const double *m, double *by_m)
+{
+    double energy = 0;
+    for (int32_t row = net->state_first[k]; row < net->state_first[k + 1]; ++row) {
+        double u;
+        double cv;
+        heat_of(net, net->state_species[row], net->T0[k], &u, &cv, NULL);
+        energy += m[row - net->state_first[k]] * u;
+        if (by_m) by_m[row - net->state_first[k]] = u;
+    }
+    return energy;
+}
+
+/* The temperature of a chamber at which a wall exchanges heat, and that at the end of the step. */
+static double wall_temperature(const gas_network *net, ptrdiff_t i, const double *y,
+                               const double *V, double *mass_times_R)
+{
+    const int32_t k = net->wall_chamber[i];
+    const double weight = net->wall_theta[i];
+    *mass_times_R = 0;
+    for (int32_t row = net->state_first[k]; row < net->state_first[k + 1]; ++row)
+        *mass_times_R += y[net->chamber_count + row] * net->R[net->state_species[row]];
+    return (1 - weight) * net->T0[k] + weight * y[k] * V[k] / *mass_times_R;
+}
+
+/* Add the heat of a wall to sums, or its derivatives to those of the residual, as `add_flow`. */
+static void add_heat(const gas_network *net, ptrdiff_t i, int order, const double *y,
+                     const double *V, double *energy, double *supplied, double *by,
+                     ptrdiff_t stride)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const int32_t k = net->wall_chamber[i];
+    double mass_times_R;
+    const double T = wall_temperature(net, i, y, V, &mass_times_R);
+    const double x[3] = {T, net->wall_state[2 * i], net->wall_state[2 * i + 1]};
+    double f[2];
+    double df[6];
+    net->heat_flow[i](x, f, by ? df : NULL, NULL);
+    if (energy) {
+        energy[k] += f[0];
+        supplied[1] += f[0];
+    }
+    if (!by) return;
+    const double end = y[k] * V[k] / mass_times_R;
+    const double factor = *net->h * df[0] * net->wall_theta[i] / mass_times_R;
+    double *row = by + k * stride;
+    row[k] -= factor * V[k];
+    row[n + net->mass_count + k] -= factor * y[k];
+    for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass)
+        row[n + mass] += factor * end * net->R[net->state_species[mass]];
+    if (order < 2) return;
+    const gas_columns at = columns_of(net);
+    double start_mass_times_R = 0;
+    for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass)
+        start_mass_times_R += net->m0[mass] * net->R[net->state_species[mass]];
+    const double start = *net->h * df[0] * (1 - net->wall_theta[i]) / start_mass_times_R;
+    row[at.p0 + k] -= start * net->V0[k];
+    row[at.V0 + k] -= start * net->p0[k];
+    for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass)
+        row[at.m0 + mass] += start * net->T0[k] * net->R[net->state_species[mass]];
+    row[at.walls + i] -= *net->h * df[0] * (end - net->T0[k]);
+    row[at.wall_state + 2 * i] -= *net->h * df[1];
+    row[at.wall_state + 2 * i + 1] -= *net->h * df[2];
+}
+
+void gas_rates(const gas_network *net, const double *y, const double *V, double *openings,
+               double *mass, double *energy, double *supplied)
+{
+    memset(mass, 0, (size_t)net->mass_count * sizeof *mass);
+    memset(energy, 0, (size_t)net->chamber_count * sizeof *energy);
+    supplied[0] = 0;
+    supplied[1] = 0;
+    set_states(net, y, V, 0);
+    for (ptrdiff_t i = 0; i < net->opening_count; ++i)
+        add_flow(net, i, 0, openings, mass, energy, supplied, NULL, 0);
+    for (ptrdiff_t i = 0; i < net->wall_count; ++i)
+        add_heat(net, i, 0, y, V, energy, supplied, NULL, 0);
+}
+
+/* V0/V of a chamber. */
+static double expansion(const gas_network *net, ptrdiff_t k, const double *V)
+{
+    return net->V0[k] / fmax(V[k], net->smallest_volume * net->V0[k]);
+}
+
+void gas_work(const gas_network *net, const double *y, const double *V, const double *W,
+              double *work)
+{
+    for (ptrdiff_t k = 0; k < net->chamber_count; ++k) {
+        if (*net->process == ADIABATIC)
+            work[k] = net->U0[k] * (1 - pow(expansion(net, k, V), net->exponent[k]));
+        else
+            work[k] = (net->p0[k] + y[k]) / 2 * W[k];
+    }
+}
+
+/* Set the residual for the sums of flows, null for closed openings without walls. */
+static void residual_of(const gas_network *net, const double *y, const double *V, const double *W,
+                        const double *mass, const double *energy, double *residual)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const double h = *net->h;
+    gas_work(net, y, V, W, residual);
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        const double *m = y + n + net->state_first[k];
+        const double end = energy_of(net, k, y[k] * V[k], m, NULL, NULL, NULL);
+        if (*net->process == HELD) {
+            residual[k] = (y[k] - net->p0[k]) * V[k];
+        } else if (*net->process == ISOTHERMAL) {
+            residual[k] = end - energy_at_start(net, k, m, NULL);
+        } else {
+            residual[k] += end - net->U0[k];
+            if (energy) residual[k] -= h * energy[k];
+        }
+        for (int32_t row = net->state_first[k]; row < net->state_first[k + 1]; ++row) {
+            double held = net->m0[row];
+            if (*net->process == HELD) held *= net->p0[k] * V[k] / net->pV0[k];
+            residual[n + row] = y[n + row] - held;
+            if (mass && *net->process != HELD) residual[n + row] -= h * mass[row];
+        }
+    }
+}
+
+/* Memory for the sums of flows, behind that of a law */
+static double *sums_in(const gas_network *net)
+{
+    const ptrdiff_t g = net->species_count;
+    return scratch(net) + 4 * (9 + 2 * g) + 2 * (2 * g + 5) * (g + 4);
+}
+
+void gas_residual(const gas_network *net, const double *y, const double *V, const double *W,
+                  double *residual)
+{
+    double *mass = sums_in(net);
+    double *energy = mass + net->mass_count;
+    double *supplied = energy + net->chamber_count;
+    double *openings = supplied + 2;
+    gas_rates(net, y, V, openings, mass, energy, supplied);
+    residual_of(net, y, V, W, mass, energy, residual);
+}
+
+/* Derivatives of the energy rows of an equilibrium's process, which take the place of the others. */
+static void set_rest_rows(const gas_network *net, const double *y, const double *V,
+                          ptrdiff_t stride, double *by)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t s = net->mass_count;
+    double *by_m = scratch(net);
+    double *of_start = by_m + net->species_count;
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        double *row = by + k * stride;
+        memset(row, 0, (size_t)stride * sizeof *row);
+        if (*net->process == HELD) {
+            row[k] = V[k];
+            row[n + s + k] = y[k] - net->p0[k];
+            for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass)
+                by[(n + mass) * stride + n + s + k] =
+                    -net->m0[mass] * net->p0[k] / net->pV0[k];
+            continue;
+        }
+        const double *m = y + n + net->state_first[k];
+        double factor;
+        energy_of(net, k, y[k] * V[k], m, &factor, by_m, NULL);
+        energy_at_start(net, k, m, of_start);
+        row[k] = V[k] * factor;
+        row[n + s + k] = y[k] * factor;
+        for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass)
+            row[n + mass] =
+                by_m[mass - net->state_first[k]] - of_start[mass - net->state_first[k]];
+    }
+}
+
+void gas_derivatives(const gas_network *net, const double *y, const double *V, const double *W,
+                     int32_t all, double *by)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t s = net->mass_count;
+    const gas_columns at = columns_of(net);
+    const ptrdiff_t stride = all ? at.all : 2 * n + s;
+    const int order = all ? 2 : 1;
+    double *by_m = scratch(net);
+    memset(by, 0, (size_t)((n + s) * stride) * sizeof *by);
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        double *row = by + k * stride;
+        const double *m = y + n + net->state_first[k];
+        double factor;
+        energy_of(net, k, y[k] * V[k], m, &factor, by_m, NULL);
+        row[k] = V[k] * factor;
+        row[n + s + k] = y[k] * factor;
+        if (*net->process == IN_TIME)
+            row[k] += W[k] / 2;
+        else if (*net->process == ADIABATIC)
+            row[n + s + k] += net->p0[k] * pow(expansion(net, k, V), 1 + net->exponent[k]);
+        for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass) {
+            row[n + mass] = by_m[mass - net->state_first[k]];
+            by[(n + mass) * stride + n + mass] = 1;
+        }
+        if (!all) continue;
+        energy_of(net, k, net->pV0[k], net->m0 + net->state_first[k], &factor, by_m, NULL);
+        row[at.p0 + k] = W[k] / 2 - net->V0[k] * factor;
+        row[at.V0 + k] = -net->p0[k] * factor;
+        row[at.W + k] = (net->p0[k] + y[k]) / 2;
+        for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass) {
+            row[at.m0 + mass] = -by_m[mass - net->state_first[k]];
+            by[(n + mass) * stride + at.m0 + mass] = -1;
+        }
+    }
+    if (*net->process != HELD) {
+        set_states(net, y, V, order);
+        for (ptrdiff_t i = 0; i < net->opening_count; ++i)
+            add_flow(net, i, order, NULL, NULL, NULL, NULL, by, stride);
+        for (ptrdiff_t i = 0; i < net->wall_count; ++i)
+            add_heat(net, i, order, y, V, NULL, NULL, by, stride);
+    }
+    if (*net->process == HELD || *net->process == ISOTHERMAL)
+        set_rest_rows(net, y, V, stride, by);
+}
+
+/* ---- weights ----------------------------------------------------------------------------------- */
+
+/* Sums over the openings of a chamber: zeta of (4), z of (5) and z of openings at rest, and the
+   derivatives (2 n, stride) of the first two, null for none. */
+typedef struct {
+    double *relaxation, *equalisation, *at_rest;
+    double *by;
+    ptrdiff_t stride;
+} gas_weights;
+
+/* Where the state of an end is replaced: what flows is of the carried gas alone. */
+static void carry_alone(const gas_network *net, ptrdiff_t i, const gas_state *state, double *own)
+{
+    double R = 0;
+    double cv = 0;
+    for (ptrdiff_t j = 0; j < species_of(net, i); ++j) {
+        const ptrdiff_t at = net->carried_first[i] + j;
+        double u;
+        double one;
+        heat_of(net, net->carried_species[at], state->values[TEMPERATURE], &u, &one, NULL);
+        own[FRACTIONS + j] = net->carried[at];
+        R += net->carried[at] * net->R[net->carried_species[at]];
+        cv += net->carried[at] * one;
+    }
+    own[GAS_CONSTANT] = R;
+    own[HEAT_RATIO] = 1 + R / cv;
+}
+
+/* Slope of a law's output by one variable of an end, as `chain`; of a carried gas alone, R, gamma
+   and fractions depend on the temperature at most. */
+static double chain_at(const gas_network *net, ptrdiff_t i, int side, const gas_state *state,
+                       ptrdiff_t variable, const double *by, double gamma_by_T)
+{
+    const ptrdiff_t width = FRACTIONS + species_of(net, i);
+    if (net->carried[net->carried_first[i]] < 0)
+        return chain(net, i, side, state, variable, by, width);
+    const double *slope = state->slopes + variable * (FRACTIONS + state->species_count);
+    return by[PRESSURE] * slope[PRESSURE] +
+           (by[TEMPERATURE] + by[HEAT_RATIO] * gamma_by_T) * slope[TEMPERATURE];
+}
+
+/* Slope of gamma of the carried gas by the temperature. */
+static double carried_ratio_slope(const gas_network *net, ptrdiff_t i, const gas_state *state)
+{
+    double R = 0;
+    double cv = 0;
+    double cv_by_T = 0;
+    for (ptrdiff_t j = 0; j < species_of(net, i); ++j) {
+        const ptrdiff_t at = net->carried_first[i] + j;
+        double u;
+        double one;
+        double slope;
+        heat_of(net, net->carried_species[at], state->values[TEMPERATURE], &u, &one, &slope);
+        R += net->carried[at] * net->R[net->carried_species[at]];
+        cv += net->carried[at] * one;
+        cv_by_T += net->carried[at] * slope;
+    }
+    return -R / (cv * cv) * cv_by_T;
+}
+
+/* Add the conductances of an opening to the sums of its chambers. */
+static void add_conductance(const gas_network *net, ptrdiff_t i, const gas_weights *sums)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t width = FRACTIONS + species_of(net, i);
+    const int order = sums->by ? 2 : 0;
+    const int is_carried = net->carried[net->carried_first[i]] >= 0;
+    gas_state ends[2];
+    for (int side = 0; side < 2; ++side)
+        ends[side] = ready_state(net, net->ends[2 * i + side], order, 1);
+    double *x = set_inputs(net, i, ends);
+    if (is_carried)
+        for (int side = 0; side < 2; ++side)
+            carry_alone(net, i, &ends[side], x + side * width);
+    const double p[2] = {x[PRESSURE], x[width + PRESSURE]};
+    const double T[2] = {x[TEMPERATURE], x[width + TEMPERATURE]};
+    /* Of equal pressures the hotter end counts as upstream. */
+    int up = p[0] >= p[1] ? 0 : 1;
+    if (p[0] == p[1]) up = T[0] >= T[1] ? 0 : 1;
+    const int down = 1 - up;
+    /* Two vacuums exchange nothing. */
+    if (p[up] <= 0) return;
+    double *f = scratch(net);
+    double *df = f + 3;
+    const double *gas = x + up * width;
+    const double factor = *net->h * gas[HEAT_RATIO] * gas[GAS_CONSTANT] * gas[TEMPERATURE];
+    double ratio_by_T[2] = {0, 0};
+    if (sums->by && is_carried)
+        for (int side = 0; side < 2; ++side)
+            ratio_by_T[side] = carried_ratio_slope(net, i, &ends[side]);
+    /* The slope of the logarithm of the factor by the properties upstream */
+    const ptrdiff_t by_count = sums->by ? width : net->by_count[i];
+    if (sums->by)
+        net->slopes[i](x, f, df, NULL);
+    else
+        net->flow[i](x, f, df, NULL);
+    const double by_p[2] = {sums->by ? f[1] : df[PRESSURE],
+                            sums->by ? f[2] : df[by_count + PRESSURE]};
+    const ptrdiff_t row_length = 2 * width + 1;
+    for (int side = 0; side < 2; ++side) {
+        const int32_t k = net->ends[2 * i + side];
+        if (k >= n) continue;
+        const double sign = side == 0 ? -1 : 1;
+        const double stiffness = factor / net->V0[k];
+        sums->relaxation[k] -= stiffness * sign * by_p[side];
+        if (!sums->by) continue;
+        double *row = sums->by + k * sums->stride;
+        const double *second = df + (1 + side) * row_length;
+        for (int end = 0; end < 2; ++end)
+            for (ptrdiff_t v = 0; v < ends[end].variable_count; ++v)
+                row[ends[end].columns[v]] -=
+                    stiffness * sign *
+                    chain_at(net, i, end, &ends[end], v, second + end * width, ratio_by_T[end]);
+        row[columns_of(net).area + i] -= stiffness * sign * second[2 * width];
+        double by_factor[FRACTIONS] = {0, 1 / gas[TEMPERATURE], 1 / gas[GAS_CONSTANT],
+                                       1 / gas[HEAT_RATIO]};
+        if (is_carried) by_factor[GAS_CONSTANT] = 0;
+        for (ptrdiff_t v = 0; v < ends[up].variable_count; ++v) {
+            const double *slope = ends[up].slopes + v * (FRACTIONS + ends[up].species_count);
+            double sum = by_factor[TEMPERATURE] * slope[TEMPERATURE];
+            if (is_carried)
+                sum += by_factor[HEAT_RATIO] * ratio_by_T[up] * slope[TEMPERATURE];
+            else
+                sum += by_factor[GAS_CONSTANT] * slope[GAS_CONSTANT] +
+                       by_factor[HEAT_RATIO] * slope[HEAT_RATIO];
+            row[ends[up].columns[v]] -= stiffness * sign * by_p[side] * sum;
+        }
+        row[columns_of(net).V0 + k] += stiffness * sign * by_p[side] / net->V0[k];
+    }
+    /* A driven flow does not fall to zero with the difference of pressures. */
+    if (net->driven[i]) return;
+    /* z of (5) has the difference in its denominator: it is taken at no smaller one than this. */
+    const double almost_equal = p[up] * (1 - net->rest_difference);
+    x[down * width + TEMPERATURE] = T[up];
+    for (int rest = 0; rest < 2; ++rest) {
+        const int is_almost = rest || almost_equal < p[down];
+        const double low = is_almost ? almost_equal : p[down];
+        x[down * width + PRESSURE] = low;
+        if (sums->by)
+            net->slopes[i](x, f, df, NULL);
+        else
+            net->flow[i](x, f, NULL, NULL);
+        const double sign = up == 0 ? 1 : -1;
+        const double conductance = sign * f[0] / (p[up] - low);
+        for (int side = 0; side < 2; ++side) {
+            const int32_t k = net->ends[2 * i + side];
+            if (k >= n) continue;
+            const double stiffness = factor / net->V0[k];
+            if (rest) {
+                sums->at_rest[k] += stiffness * conductance;
+                continue;
+            }
+            sums->equalisation[k] += stiffness * conductance;
+            if (!sums->by) continue;
+            double *row = sums->by + (n + k) * sums->stride;
+            const double scale = stiffness * sign / (p[up] - low);
+            for (ptrdiff_t v = 0; v < ends[up].variable_count; ++v) {
+                const double *slope =
+                    ends[up].slopes + v * (FRACTIONS + ends[up].species_count);
+                double sum = chain_at(net, i, up, &ends[up], v, df + up * width, ratio_by_T[up]);
+                sum += df[down * width + TEMPERATURE] * slope[TEMPERATURE];
+                double gap = slope[PRESSURE];
+                if (is_almost) {
+                    sum += df[down * width + PRESSURE] * slope[PRESSURE] *
+                           (1 - net->rest_difference);
+                    gap *= net->rest_difference;
+                }
+                sum -= f[0] / (p[up] - low) * gap;
+                double log_slope = slope[TEMPERATURE] / gas[TEMPERATURE];
+                if (is_carried)
+                    log_slope += ratio_by_T[up] * slope[TEMPERATURE] / gas[HEAT_RATIO];
+                else
+                    log_slope += slope[GAS_CONSTANT] / gas[GAS_CONSTANT] +
+                                 slope[HEAT_RATIO] / gas[HEAT_RATIO];
+                row[ends[up].columns[v]] += scale * (sum + f[0] * log_slope);
+            }
+            for (ptrdiff_t v = 0; v < ends[down].variable_count; ++v) {
+                const double *slope =
+                    ends[down].slopes + v * (FRACTIONS + ends[down].species_count);
+                double *own = df + down * width;
+                const double by_pressure = own[PRESSURE] + f[0] / (p[up] - low);
+                const double by_temperature = own[TEMPERATURE];
+                own[PRESSURE] = is_almost ? 0 : by_pressure;
+                own[TEMPERATURE] = 0;
+                double sum =
+                    chain_at(net, i, down, &ends[down], v, own, is_carried ? ratio_by_T[down] : 0);
+                own[PRESSURE] = by_pressure - f[0] / (p[up] - low);
+                own[TEMPERATURE] = by_temperature;
+                (void)slope;
+                row[ends[down].columns[v]] += scale * sum;
+            }
+            row[columns_of(net).area + i] += scale * df[2 * width];
+            row[columns_of(net).V0 + k] -= stiffness * conductance / net->V0[k];
+        }
+    }
+}
+
+/* Set the weights, and their derivatives (n + w, stride) if `by` is given. */
+static void choose_weights(const gas_network *net, double *by, double *by_sums)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const gas_columns at = columns_of(net);
+    double *relaxation = sums_in(net);
+    double *equalisation = relaxation + n;
+    memset(relaxation, 0, (size_t)(2 * n) * sizeof *relaxation);
+    memset(net->amplification, 0, (size_t)n * sizeof *relaxation);
+    const gas_weights sums = {relaxation, equalisation, net->amplification, by_sums, at.all};
+    for (ptrdiff_t k = 0; k < n; ++k) set_start(net, k, by ? 1 : 0);
+    for (ptrdiff_t b = 0; b < net->boundary_count; ++b) set_boundary(net, b, by ? 2 : 0);
+    for (ptrdiff_t i = 0; i < net->opening_count; ++i) add_conductance(net, i, &sums);
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        /* A chamber whose pressure would not relax, by round-off or a law of the user, has the
+           weight of one at rest. */
+        const double x[2] = {fmax(relaxation[k], 0), equalisation[k]};
+        double f;
+        double df[2];
+        net->weight(x, &f, df, NULL);
+        net->theta[k] = f;
+        if (!by) continue;
+        if (relaxation[k] < 0) df[0] = 0;
+        for (ptrdiff_t column = 0; column < at.all; ++column)
+            by[k * at.all + column] = df[0] * by_sums[k * at.all + column] +
+                                      df[1] * by_sums[(n + k) * at.all + column];
+    }
+    for (ptrdiff_t i = 0; i < net->wall_count; ++i) {
+        const int32_t k = net->wall_chamber[i];
+        const double T = net->T0[k];
+        const double wall[3] = {T, net->wall_state[2 * i], net->wall_state[2 * i + 1]};
+        double f[2];
+        double df[6];
+        net->heat_flow[i](wall, f, by ? df : NULL, NULL);
+        /* Relaxations of the temperature in a step; m c_v = c_v/R p V/T */
+        const double capacity = net->pV0[k] / (net->exponent[k] * T);
+        const double rate = *net->h * f[1] / capacity;
+        const double x[2] = {rate, 0};
+        double weight;
+        double slopes[2];
+        net->weight(x, &weight, slopes, NULL);
+        net->wall_theta[i] = weight;
+        net->amplification[k] += rate;
+        if (!by) continue;
+        double *row = by + (n + i) * at.all;
+        const gas_state state = ready_state(net, k, 1, 1);
+        /* The capacity is the sum of m c_v(T). */
+        for (ptrdiff_t v = 0; v < state.variable_count; ++v) {
+            const double *slope = state.slopes + v * (FRACTIONS + state.species_count);
+            double capacity_slope = 0;
+            for (ptrdiff_t j = 0; j < state.species_count; ++j) {
+                double u;
+                double cv;
+                double cv_by_T;
+                heat_of(net, state.species[j], T, &u, &cv, &cv_by_T);
+                capacity_slope += net->m0[net->state_first[k] + j] * cv_by_T * slope[TEMPERATURE];
+                if (v == 2 + j) capacity_slope += cv;
+            }
+            row[state.columns[v]] =
+                slopes[0] * (*net->h * df[3] * slope[TEMPERATURE] / capacity -
+                             rate * capacity_slope / capacity);
+        }
+        row[at.wall_state + 2 * i] = slopes[0] * *net->h * df[4] / capacity;
+        row[at.wall_state + 2 * i + 1] = slopes[0] * *net->h * df[5] / capacity;
+    }
+}
+
+void gas_begin(const gas_network *net)
+{
+    for (ptrdiff_t k = 0; k < net->chamber_count; ++k) {
+        double factor;
+        net->pV0[k] = net->p0[k] * net->V0[k];
+        energy_of(net, k, net->pV0[k], net->m0 + net->state_first[k], &factor, NULL, &net->T0[k]);
+        net->exponent[k] = 1 / factor;
+    }
+    choose_weights(net, NULL, NULL);
+    for (ptrdiff_t b = 0; b < net->boundary_count; ++b) set_boundary(net, b, 0);
+}
+
+void gas_weight_derivatives(const gas_network *net, double *by_all)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t stride = columns_of(net).all;
+    double *by_sums = by_all + (n + net->wall_count) * stride;
+    memset(by_all, 0, (size_t)((3 * n + net->wall_count) * stride) * sizeof *by_all);
+    choose_weights(net, by_all, by_sums);
+}
+
+/* ---- solution ---------------------------------------------------------------------------------- */
+
+/* Whether all values are at most `bound` in size; not if one is NaN. */
+static int all_within(const double *values, ptrdiff_t count, double bound)
+{
+    for (ptrdiff_t i = 0; i < count; ++i)
+        if (!(fabs(values[i]) <= bound)) return 0;
+    return 1;
+}
+
+/* Replace b (size) by the solution of A x = b, and A, whose rows have the distance `stride`, by its
+   factors: elimination with partial pivoting.  Returns whether A has an inverse. */
+static int solve_linear(double *A, ptrdiff_t stride, double *b, ptrdiff_t size)
+{
+    for (ptrdiff_t column = 0; column < size; ++column) {
+        ptrdiff_t pivot = column;
+        for (ptrdiff_t row = column + 1; row < size; ++row)
+            if (fabs(A[row * stride + column]) > fabs(A[pivot * stride + column])) pivot = row;
+        if (A[pivot * stride + column] == 0) return 0;
+        if (pivot != column) {
+            for (ptrdiff_t j = 0; j < size; ++j) {
+                const double upper = A[column * stride + j];
+                A[column * stride + j] = A[pivot * stride + j];
+                A[pivot * stride + j] = upper;
+            }
+            const double upper = b[column];
+            b[column] = b[pivot];
+            b[pivot] = upper;
+        }
+        for (ptrdiff_t row = column + 1; row < size; ++row) {
+            const double factor = A[row * stride + column] / A[column * stride + column];
+            if (factor == 0) continue;
+            for (ptrdiff_t j = column + 1; j < size; ++j)
+                A[row * stride + j] -= factor * A[column * stride + j];
+            b[row] -= factor * b[column];
+        }
+    }
+    for (ptrdiff_t row = size - 1; row >= 0; --row) {
+        for (ptrdiff_t j = row + 1; j < size; ++j) b[row] -= A[row * stride + j] * b[j];
+        b[row] /= A[row * stride + row];
+    }
+    return 1;
+}
+
+/* Set error (n + s) to the residual over the scale; returns its square. */
+static double scaled_residual(const gas_network *net, const double *y, const double *V,
+                              const double *W, const double *scale, double *error)
+{
+    double square = 0;
+    gas_residual(net, y, V, W, error);
+    for (ptrdiff_t i = 0; i < net->chamber_count + net->mass_count; ++i) {
+        error[i] /= scale[i];
+        square += error[i] * error[i];
+    }
+    return square;
+}
+
+void gas_scales(const gas_network *net, const double *y, const double *V, const double *magnitude,
+                double *scale)
+{
+    const ptrdiff_t n = net->chamber_count;
+    double *sizes = scratch(net);
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        const double flows = 1 + net->round_off * net->amplification[k];
+        const double volume = fabs(V[k]) * flows + net->round_off * magnitude[k];
+        double mass = 0;
+        double start = 0;
+        for (int32_t row = net->state_first[k]; row < net->state_first[k + 1]; ++row) {
+            sizes[row - net->state_first[k]] = fabs(y[n + row]);
+            mass += fabs(y[n + row]);
+            start += net->m0[row];
+        }
+        scale[k] =
+            energy_of(net, k, fabs(y[k]) * volume, sizes, NULL, NULL, NULL) + net->U0[k];
+        for (int32_t row = net->state_first[k]; row < net->state_first[k + 1]; ++row)
+            scale[n + row] = mass * flows + start;
+    }
+}
+
+int gas_solve(const gas_network *net, double *y, const double *V, const double *W,
+              const double *magnitude)
+{
+    const ptrdiff_t n = net->chamber_count;
+    const ptrdiff_t s = net->mass_count;
+    const ptrdiff_t size = n + s;
+    const ptrdiff_t stride = size + n;
+    double *scale = sums_in(net) + 2 * n + 2 * s + net->opening_count + 2;
+    double *error = scale + size;
+    double *trial = error + size;
+    double *update = trial + size;
+    double *matrix = update + size;
+    /* What flows in the step, at the guess */
+    double *mass = sums_in(net);
+    double *energy = mass + s;
+    gas_scales(net, y, V, magnitude, scale);
+    gas_residual(net, y, V, W, error);
+    for (ptrdiff_t k = 0; k < n; ++k) scale[k] += *net->h * fabs(energy[k]);
+    for (ptrdiff_t row = 0; row < s; ++row) scale[n + row] += *net->h * fabs(mass[row]);
+    double square = 0;
+    for (ptrdiff_t i = 0; i < size; ++i) {
+        error[i] /= scale[i];
+        square += error[i] * error[i];
+    }
+    for (ptrdiff_t iteration = 0; iteration < net->max_iterations; ++iteration) {
+        if (all_within(error, size, net->tolerance)) return 1;
+        gas_derivatives(net, y, V, W, 0, matrix);
+        for (ptrdiff_t row = 0; row < size; ++row) {
+            for (ptrdiff_t j = 0; j < size; ++j) matrix[row * stride + j] /= scale[row];
+            update[row] = error[row];
+        }
+        if (!solve_linear(matrix, stride, update, size)) return 0;
+        const double square_before = square;
+        double length = 1;
+        for (ptrdiff_t halving = 0; halving < net->max_halvings; ++halving, length /= 2) {
+            for (ptrdiff_t i = 0; i < size; ++i)
+                trial[i] = fmax(y[i] - length * update[i], net->remaining * y[i]);
+            square = scaled_residual(net, trial, V, W, scale, error);
+            if (square < square_before) break;
+        }
+        /* No trial is better: y is the solution to round-off, or the volumes are far off, and from
+           nearly the same y the iteration would fail again. */
+        if (!(square < square_before))
+            return square_before <= net->acceptable * net->acceptable;
+        memcpy(y, trial, (size_t)size * sizeof *y);
+    }
+    return all_within(error, size, net->acceptable);
+}
