@@ -209,7 +209,7 @@ def test_forces_are_the_gradient_of_the_energy_in_the_middle(comm: MPI.Comm, nam
     step, r = moved(SCENES[name](comm), VariationalMidpoint(dt=1.0).rule, 1.0)
     state, expected = moved(SCENES[name](comm), EndPoint(), 0.5)
     # Without multipliers: constraints hold at q1.
-    n = 3 * len(step.position_marks)
+    n = 3 * len(step.unknowns.position_marks)
 
     def norm(values: np.ndarray) -> float:
         return float(np.sqrt(comm.allreduce(float(values[:n] @ values[:n]))))
@@ -218,10 +218,10 @@ def test_forces_are_the_gradient_of_the_energy_in_the_middle(comm: MPI.Comm, nam
     assert scale > 1e-3
     assert norm(r.array_r - expected.array_r) < 1e-12 * scale
 
-    z = step.numbering.vector()
-    z.array[:n] = np.sin(1e3 * step.q1.array_r[:n])
-    found = (step.tangent() * z).array_r
-    half = (state.tangent() * z).array_r / 2
+    z = step.unknowns.numbering.vector()
+    z.array[:n] = np.sin(1e3 * step.unknowns.q1.array_r[:n])
+    found = (step.matrices.tangent() * z).array_r
+    half = (state.matrices.tangent() * z).array_r / 2
     assert norm(found - half) < 1e-12 * norm(half)
 
 

@@ -234,7 +234,9 @@ def test_what_cannot_fly_is_refused() -> None:
     with pytest.raises(gx.InputError, match="Midpoint"):
         gx.Simulation(gx.Scene(body, Orbit(Elements(A))), gx.GeneralizedAlpha(dt=1.0))
     with pytest.raises(gx.InputError, match="not in the scene"):
-        Orbit(Elements(A)).flight(gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system.unknowns)
+        Orbit(Elements(A)).flight(
+            gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system.unknowns
+        )
 
 
 @pytest.mark.mpi

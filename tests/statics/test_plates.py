@@ -193,7 +193,7 @@ def test_properties_vary_by_group_or_by_place():
     stretched = [
         gx.Scene(gx.Membrane(mesh, LAW, displacement=lambda X: 1e-3 * X, **given))
         .compile()
-        .totals()
+        .balance.totals()
         .stored["film"]
         for given in (
             {},

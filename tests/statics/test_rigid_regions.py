@@ -248,7 +248,9 @@ def test_a_region_follows_the_fold_map(comm: MPI.Comm) -> None:
         end = gx.RigidRegion(film, "right", sliding=sliding)
         folded = gx.Scene(film, end, folds.start(film)).compile()
         for scene in (folded, gx.Scene(film, end, gx.StartFrom(folded)).compile()):
-            assert scene.state.vector(end.port())[0] == pytest.approx(np.cos(1.0), rel=1e-12)
+            assert scene.unknowns.state.vector(end.port())[0] == pytest.approx(
+                np.cos(1.0), rel=1e-12
+            )
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
     for region, message in (
         (gx.RigidRegion(film, "top"), "is folded at the start"),

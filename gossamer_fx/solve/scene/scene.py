@@ -13,7 +13,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.drawing import table
 from gossamer_fx.core.model.body import Array, Body, BringsCoordinates, Vector, is_body, is_on_mesh
-from gossamer_fx.core.model.state import BodyState, InitialState
+from gossamer_fx.core.model.state import BodyState, InitialState, Sampled
 from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, Term, terms_of
 from gossamer_fx.mechanics.terms.assembly import ItemTerms
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
@@ -336,14 +336,18 @@ class Scene:
 
 
 def _check_that_all_add(items: Sequence[Item], terms: Sequence[Sequence[Term]]) -> None:
-    """Refuse an item that adds nothing to a scene, and that no other one refers to: what its user
-    means would not be computed, without a word."""
+    """Refuse an item that adds nothing to a scene, neither itself nor by items that it refers to,
+    and that no other one refers to: what its user means would not be computed, without a word."""
     referred: list[object] = []
+    # An item may be no more than the name of a group of others.
+    groups: list[object] = []
     for item in items:
-        if isinstance(item, RefersToItems):
-            referred += item.requires()
+        required = list(item.requires()) if isinstance(item, RefersToItems) else []
+        referred += required
+        groups += [item] * bool(required)
+    roles = (InitialCondition, BringsScalarUnknowns, Sampled)
     for item, brought in zip(items, terms, strict=True):
-        has_role = is_body(item) or isinstance(item, InitialCondition | BringsScalarUnknowns)
+        has_role = is_body(item) or isinstance(item, roles) or any(item is one for one in groups)
         check(
             bool(brought) or has_role or any(item is other for other in referred),
             f"'{item.name}' ({type(item).__name__}) adds nothing to the scene, as its terms() are "
