@@ -39,6 +39,7 @@ from gossamer_fx.mechanics.contact.active_set import (
 )
 from gossamer_fx.mechanics.contact.assembly import BlockAssembly
 from gossamer_fx.mechanics.contact.broad_phase.candidates import (
+    Candidates,
     CandidateSearch,
     StepPoints,
     nearest_gaps,
@@ -239,7 +240,7 @@ class ContactSet:
         mesh, law, activation_distance, history, system, friction: as given.
         pair_stiffness: stiffness of pairs that begin to touch.
         activation: gaps below which pairs have energy.
-        search: the candidate pairs.
+        search: finds candidate pairs.
         accepted: the contact in the accepted state.
         step: the present step; None between steps, except in statics.
         forces: of the last residual, or of a state that was set.
@@ -273,6 +274,7 @@ class ContactSet:
         self._rules: StepRules = rules(mesh.points, system, activation_distance)
         self._assembly = BlockAssembly(mesh.points, system)
         self._tangent: StepTangent | None = None  # of the present step, at the last iterate
+        self._candidates: Candidates | None = None  # of the last search
         # Of the present step, or the last one; None if its pairs are those of a run tape, which are
         # complete.
         self._selection: Selection | None = None
@@ -290,7 +292,12 @@ class ContactSet:
     @property
     def candidates(self) -> CandidatePairs:
         """The candidate pairs of this rank."""
-        return self.search.pairs
+        return self._found().pairs
+
+    def _found(self) -> Candidates:
+        """The result of the last search."""
+        assert self._candidates is not None, "the first `commit` finds candidates"
+        return self._candidates
 
     @property
     def closest(self) -> float:
@@ -465,9 +472,8 @@ class ContactSet:
             self.history.reference_speed = self.pair_stiffness.reference_speed(system.h)
         points = self._predicted(end_time)
         # The present list is complete while all points are within their bounds.
-        is_complete = self.search.holds(points.x, system.time) and self.search.holds(
-            points.end, end_time
-        )
+        found = self._found()
+        is_complete = found.hold(points.x, system.time) and found.hold(points.end, end_time)
         if not is_complete:
             points = self._search(lambda: self._predicted(end_time))
         self.search.begin_step()
@@ -517,7 +523,7 @@ class ContactSet:
         # The tables of the last search are freed before the next one makes its own.
         self._selection = None
         self.activation.forget_pairs()
-        self.search.find(read_again, system.time, system.h)
+        self._candidates = self.search.find(read_again, system.time, system.h)
         points = read_again()
         if system.comm.size > 1:
             self.forces = StepForces.zero(points.x)
@@ -528,7 +534,7 @@ class ContactSet:
         """Find candidates about the points of the accepted state, as if they did not move; return
         these points (m, 3) [m]."""
         time = self.accepted.time
-        self.search.find_at_rest(lambda: self._take_state(time), time)
+        self._candidates = self.search.find_at_rest(lambda: self._take_state(time), time)
         if self.system.comm.size > 1:
             # Rows of pairs and forces are those of points that this rank knew before.
             self._begin(None)
@@ -602,7 +608,7 @@ class ContactSet:
         assert self.step is not None, "a step begins with `update_active_set`"
         end_time = self.step.end_time
         x1 = self.end_points()
-        if not self.search.holds(x1, end_time):
+        if not self._found().hold(x1, end_time):
             identifier = self.candidates.identifier[selection.active]
             points = self._search(lambda: replace(self._predicted(end_time), end=self.end_points()))
             x1 = points.end

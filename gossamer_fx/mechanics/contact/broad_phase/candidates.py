@@ -268,21 +268,34 @@ class StepPoints:
     end: Array
 
 
-class CandidateSearch:
-    """Has a list of candidates that is complete as long as points stay within their bounds.
-
-    `find` and `find_at_rest` make a new list and new bounds; before the first one there are none.
-    On several ranks they also let the mesh know facets of other ranks that may come near, so that
-    the number m of points that this rank knows changes.
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """What a search found.
 
     Attributes:
-        pairs: the n candidates of this rank.
-        bounds: of the trajectories for which they are complete.
-        count: number of searches so far.
+        pairs: the n candidates of this rank, complete as long as points stay within the bounds.
+        bounds: of the trajectories.
     """
 
     pairs: CandidatePairs
     bounds: TrajectoryBounds
+    comm: MPI.Intracomm
+
+    def hold(self, x: Array, time: float) -> bool:
+        """Return whether the points (m, 3) of all ranks are within their bounds at a time [s];
+        collective."""
+        return bool(self.comm.allreduce(self.bounds.hold(x, time), op=MPI.LAND))
+
+
+class CandidateSearch:
+    """Finds candidates, for as many steps at once as pay.
+
+    On several ranks a search also lets the mesh know facets of other ranks that may come near, so
+    that the number m of points that this rank knows changes.
+
+    Attributes:
+        count: number of searches so far.
+    """
 
     def __init__(self, mesh: CollisionMesh, activation_distance: float) -> None:
         self._mesh = mesh
@@ -302,7 +315,7 @@ class CandidateSearch:
     def begin_step(self) -> None:
         self._age += 1
 
-    def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
+    def find_at_rest(self, read: Callable[[], Array], time: float) -> Candidates:
         """Find the contact pairs whose gap can fall below the activation distance while each point
         stays within half of that distance from where it is; collective.
 
@@ -315,10 +328,11 @@ class CandidateSearch:
             return self._bounds(x, np.zeros_like(x), time, duration=0.0)
 
         self._choose_horizon()
-        self._find(at_rest)
+        found = self._find(at_rest)
         self._least_size = self._size
+        return found
 
-    def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
+    def find(self, read: Callable[[], StepPoints], time: float, step: float) -> Candidates:
         """Find the contact pairs whose gap can fall below the activation distance in the present
         step and some after it; collective.  `time`: at the start of the step [s]; `step`: its
         length [s].
@@ -346,12 +360,7 @@ class CandidateSearch:
             return bounds
 
         self._choose_horizon()
-        self._find(in_motion)
-
-    def holds(self, x: Array, time: float) -> bool:
-        """Return whether the points (m, 3) of all ranks are within their bounds at a time [s];
-        collective."""
-        return bool(self._mesh.comm.allreduce(self.bounds.hold(x, time), op=MPI.LAND))
+        return self._find(in_motion)
 
     def _choose_horizon(self) -> None:
         """Choose for how many steps the next search serves, from how many the last one did and how
@@ -390,7 +399,7 @@ class CandidateSearch:
         margin[vertices] = self._activation_distance / 2 + WAY_MARGIN * way
         return TrajectoryBounds(drift, x, velocities, margin, duration)
 
-    def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> None:
+    def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> Candidates:
         """Find the candidates that can come near while points stay within bounds; collective.  On
         several ranks, facets of other ranks are fetched first, and the bounds asked for again."""
         mesh = self._mesh
@@ -398,14 +407,14 @@ class CandidateSearch:
         if mesh.comm.size > 1:
             import_facets(mesh, *searched_boxes(mesh, bounds, self._activation_distance))
             bounds = bounds_of_mesh()
-        self.pairs, self._pair_counts = find_candidates(
+        pairs, self._pair_counts = find_candidates(
             mesh, bounds, self._activation_distance, self._pair_counts
         )
         primitive_count = len(mesh.own_vertices) + len(mesh.own_edges)
-        self._size = mesh.comm.allreduce(primitive_count + len(self.pairs))
-        self.bounds = bounds
+        self._size = mesh.comm.allreduce(primitive_count + len(pairs))
         self._age = 0
         self.count += 1
+        return Candidates(pairs, bounds, mesh.comm)
 
 
 def searched_boxes(

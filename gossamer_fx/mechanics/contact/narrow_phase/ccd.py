@@ -8,6 +8,7 @@ refused where something else is within reach.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -17,7 +18,7 @@ from mpi4py import MPI
 from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.pairs import (
@@ -172,8 +173,8 @@ class LargeTurns:
         # those of obstacles.
         own, _ = self._mesh.own_points()
         body = self._mesh.body[own]
-        self._points = [own[body == k] for k in range(count)]
-        turns = [self._turn(k, distances.x, x1) for k in range(count)]
+        points = [own[body == k] for k in range(count)]
+        turns = [self._turn(k, points[k], distances.x, x1) for k in range(count)]
         for one, other in permutations(range(count), 2):
             angle = turns[one].angle_to(turns[other])
             # Of two bodies the one that turns in space is named.  Obstacles do not touch each
@@ -182,19 +183,18 @@ class LargeTurns:
             can_touch = min(one, other) < body_count
             if not (angle > MAX_TURN and turns_itself and can_touch):
                 continue
-            if self._may_meet(one, other, turns[one], distances, x1):
+            if self._may_meet(one, other, points, turns[one], distances, x1):
                 return (
                     f"'{self._mesh.names[one]}' would turn by {np.degrees(angle):.0f}° past "
                     f"'{self._mesh.names[other]}' in one step"
                 )
         return ""
 
-    def _turn(self, k: int, x0: Array, x1: Array) -> _Turn:
+    def _turn(self, k: int, points: Int64Array, x0: Array, x1: Array) -> _Turn:
         """Return how a body or obstacle turns in a step; collective. A body on a mesh turns by the
-        best rotation of its points, an obstacle with its rigid body; other obstacles do not
+        best rotation of its points (p,), an obstacle with its rigid body; other obstacles do not
         turn."""
         if k < len(self._mesh.bodies):
-            points = self._points[k]
             return _best_turn(x0[points], x1[points], self._mesh.comm)
         body = self._rigid_bodies[k]
         if body is None:
@@ -206,21 +206,28 @@ class LargeTurns:
         return _Turn(end[1:].T @ start[1:], np.array([start[0], end[0]]))
 
     def _may_meet(
-        self, one: int, other: int, turn: _Turn, distances: PairDistances, x1: Array
+        self,
+        one: int,
+        other: int,
+        points: Sequence[Int64Array],
+        turn: _Turn,
+        distances: PairDistances,
+        x1: Array,
     ) -> bool:
-        """Return whether a body or obstacle that turns may meet another on its way; collective. It
+        """Return whether a body or obstacle that turns may meet another on its way; collective.  It
         may if a boundary of the other one is within its radius from the centre of the turn, or if
-        the box round the other one is."""
+        the box round the other one is.  `points`: numbers (p,) of those of each body and
+        obstacle."""
         touching = min(one, other)  # a body on a mesh
         gap = self._gap_to_boundaries(touching, max(one, other), distances)
-        if gap < self._radius(touching, turn, distances.x, x1):
+        if gap < self._radius(points[touching], turn, distances.x, x1):
             return True
-        mine = self._points[one]
-        others = self._points[other]
+        mine = points[one]
+        others = points[other]
         if not (self._has_corners[one] and self._has_corners[other]):
             return False
-        reach = self._radius(one, turn, distances.x, x1) + self._activation_distance
-        thickness = [self._mesh.radius[points].max(initial=0.0) for points in (mine, others)]
+        reach = self._radius(mine, turn, distances.x, x1) + self._activation_distance
+        thickness = [self._mesh.radius[some].max(initial=0.0) for some in (mine, others)]
         reach += float(maximum_over_ranks(self._mesh.comm, np.array(thickness)).sum())
         ends = np.vstack([distances.x[others], x1[others]])
         # Of the other one, of all ranks together.
@@ -230,10 +237,9 @@ class LargeTurns:
         is_apart = (low > upper) | (high < lower)
         return not is_apart.any()
 
-    def _radius(self, k: int, turn: _Turn, x0: Array, x1: Array) -> float:
-        """Return the largest distance [m] of the points of a body or obstacle from the centre of a
-        turn, at the start or the end of the step; collective."""
-        points = self._points[k]
+    def _radius(self, points: Int64Array, turn: _Turn, x0: Array, x1: Array) -> float:
+        """Return the largest distance [m] of points (p,) from the centre of a turn, at the start or
+        the end of the step; collective."""
         start = np.linalg.norm(x0[points] - turn.centre[0], axis=1)
         end = np.linalg.norm(x1[points] - turn.centre[1], axis=1)
         own = float(max(start.max(initial=0.0), end.max(initial=0.0)))
