@@ -123,7 +123,9 @@ from .records.fields.fields import FieldFunctions as FieldFunctions
 from .records.fields.film_states import AreaFractions as AreaFractions
 from .records.outputs.output import Output as Output
 from .records.outputs.output import Probe as Probe
+from .solve.solvers.newton import Newton as Newton
 from .solve.steppers.stepping import Stepper as Stepper
 from .solve.steppers.stepping import StepSolver as StepSolver
+from .solve.system.system import System as System
 from .solve.system.totals import relative_drift as relative_drift
 from .solve.view import StateView as StateView

@@ -118,8 +118,8 @@ def spin_drift(run: gx.Simulation) -> float:
 def begin_iteration(run: gx.Simulation, h: float) -> None:
     """Set the system of a run to the first iterate of a step of length h [s]."""
     system = run.system
-    system.begin_step(h)
-    system.set_inertia(2 / h**2)
-    zero = system.numbering.vector()
-    system.predict(zero)
-    system.set_increment(zero, None)
+    system.equations.begin_step(h)
+    system.equations.set_inertia(2 / h**2)
+    zero = system.unknowns.numbering.vector()
+    system.equations.predict(zero)
+    system.equations.set_increment(zero, None)

@@ -54,7 +54,7 @@ def vtu(run: gx.Simulation, film: gx.Membrane, folder: Path) -> Write:
     output.open(run)
 
     def write(time: float) -> None:
-        run.system.time = time
+        run.system.unknowns.time = time
         output.record(run, True)
 
     return write

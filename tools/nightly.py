@@ -291,15 +291,15 @@ compile_scene = Scene.compile
 
 def compile_jittered(self, *args, **options):
     system = compile_scene(self, *args, **options)
-    if system.constraints is None and not system.active_sets:
-        size = system.initial.extent()
-        moved = system.q0.array_r.copy()
+    if system.equations.constraints is None and not system.equations.active_sets:
+        size = system.unknowns.initial.extent()
+        moved = system.unknowns.q0.array_r.copy()
         is_free = np.ones(len(moved), dtype=bool)
-        is_free[system.supports.held] = False
+        is_free[system.unknowns.supports.held] = False
         noise = {JITTER} * size * generator.uniform(-1, 1, len(moved))
         moved[is_free] += noise[is_free]
-        system.restore(moved, system.v0.array_r.copy(), system.time)
-        for scalars in system.scalar_unknowns:
+        system.restore(moved, system.unknowns.v0.array_r.copy(), system.unknowns.time)
+        for scalars in system.equations.scalar_unknowns:
             scalars.start()
     return system
 

@@ -128,7 +128,7 @@ def inertia() -> np.ndarray:
 def angles_and_rates(control: gx.control.AttitudeControl, run: gx.Simulation) -> Array:
     """The three controlled angles [rad], then their rates [rad/s], (6,)."""
     # Directors of the patch give R, and R the three angles.
-    state = run.system.state
+    state = run.system.unknowns.state
     X = state.vectors(control.frame.directors).ravel()
     V = state.rates(control.frame.directors).ravel()
     return np.concatenate(control.angles_and_rates(X, V, control.reference()))
@@ -314,16 +314,16 @@ def main(
 
 def film_at_end(run: gx.Simulation) -> Array:
     """Positions (n, 3, 3) [m] of the corners of the film's triangles on this rank."""
-    film = next(body for body in run.system.bodies if isinstance(body, gx.Membrane))
+    film = next(body for body in run.system.unknowns.bodies if isinstance(body, gx.Membrane))
     return triangles(run.system, film)
 
 
 def booms_at_end(run: gx.Simulation) -> list[Array]:
     """Positions (n, 3) [m] of the nodes of each boom on this rank, from end to end."""
     found = []
-    for boom in run.system.bodies:
+    for boom in run.system.unknowns.bodies:
         if isinstance(boom, gx.Beam):
-            x = run.system.state[boom].local_positions()
+            x = run.system.unknowns.state[boom].local_positions()
             along = boom.space.tabulate_dof_coordinates()[: len(x), 0]
             found.append(x[np.argsort(along)])
     return found

@@ -78,20 +78,20 @@ class FilmDeflection:
 
     def __call__(self, run: gx.Simulation) -> float:
         system = run.system
-        owned = system.state[self._film].owned
-        distance = system.numbering.vector()
-        corners = system.state.vectors(self._corners)
+        owned = system.unknowns.state[self._film].owned
+        distance = system.unknowns.numbering.vector()
+        corners = system.unknowns.state.vectors(self._corners)
         _, B, C, D = corners
         normal = np.cross(D - C, B - C)
         normal /= np.linalg.norm(normal)
-        positions = system.q0.array_r[owned].reshape(-1, 3)
+        positions = system.unknowns.q0.array_r[owned].reshape(-1, 3)
         with distance as values:
             # Distance of each node from the bilinear surface, along the normal.
             heights = (positions - self._bilinear @ corners) @ normal
             # As a vector at each node, so that the mass matrix can weigh it.
             values[owned] = np.outer(heights, normal).ravel()
         mass = FILM.density * FILM.thickness * SIDE**2
-        return float(distance.dot(system.M * distance) / mass) ** 0.5
+        return float(distance.dot(system.unknowns.M * distance) / mass) ** 0.5
 
 
 def build(

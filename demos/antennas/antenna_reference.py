@@ -97,7 +97,7 @@ def own_run(until: float = UNTIL, **words: Any) -> dict[str, Any]:
         "time": series.time,
         "tip": series["tip [m]"],
         "cpu": time.process_time() - cpu,
-        "dofs": simulation.system.numbering.size,
+        "dofs": simulation.system.unknowns.numbering.size,
     }
 
 

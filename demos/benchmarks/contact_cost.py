@@ -74,7 +74,7 @@ def thrown(X: np.ndarray, speed: float) -> np.ndarray:
 
 
 def contact_set_of(run: gx.Simulation) -> ContactSet:
-    (contact_set,) = (c for c in run.system.compiled if isinstance(c, ContactSet))
+    (contact_set,) = (c for c in run.system.equations.compiled if isinstance(c, ContactSet))
     return contact_set
 
 

@@ -115,17 +115,17 @@ def gradient(n: int = 20, steps: int = 50, scene: str = "sheet") -> dict[str, fl
     backward = time.process_time() - started
 
     # dE/dv0 = M v0, as energy is conserved from every start; with friction it is not.
-    velocity = run.system.numbering.vector()
+    velocity = run.system.unknowns.numbering.vector()
     velocity.array[:] = tape.states[0].v
     momenta = velocity.duplicate()
-    run.system.M.mult(velocity, momenta)
-    film = next(body for body in run.system.bodies if body.name == "film")
-    exact = momenta.array_r[run.system.block(film).owned]
+    run.system.unknowns.M.mult(velocity, momenta)
+    film = next(body for body in run.system.unknowns.bodies if body.name == "film")
+    exact = momenta.array_r[run.system.unknowns.block(film).owned]
     error = np.abs(found["film.initial_velocity"].values - exact).max() / np.abs(exact).max()
     measured = {
         "cpu": forward,
         "wall": forward,
-        "dofs": run.system.numbering.size,
+        "dofs": run.system.unknowns.numbering.size,
         "steps": run.step,
         "Newton/step": run.iterations / run.step,
         "backward [s]": backward,

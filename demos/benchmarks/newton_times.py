@@ -96,5 +96,5 @@ def profile(n: int = 40, steps: int = 3, dt: float = 1e-3) -> Figures:
     parts["rest"] = figures["cpu"] - sum(parts.values())
     kept = ("cpu", "dofs", "steps", "Newton/step", "Krylov/Newton", "iteration [ms]")
     milliseconds = {f"{what} [ms]": 1e3 * s / iterations for what, s in parts.items()}
-    copy = {"copy on several ranks [s]": copying(run.system.A)}
+    copy = {"copy on several ranks [s]": copying(run.system.matrices.A)}
     return {name: figures[name] for name in kept} | milliseconds | copy

@@ -156,7 +156,7 @@ def found_by(search: gx.Equilibrium) -> tuple[Figures, gx.analysis.EquilibriumRe
     found = search.find()
     figures = {
         **clock.figures(),
-        "dofs": search.system.numbering.size,
+        "dofs": search.system.unknowns.numbering.size,
         "steps": found.iterations,
     }
     return figures, found
@@ -196,8 +196,10 @@ def blown(n: int = 8, dt: float = 1e-3) -> Figures:
     triangles = np.where(is_turned[:, None], facets.triangles[:, ::-1], facets.triangles)
 
     def volume(run: gx.Simulation) -> float:
-        owned = run.system.state[film].owned
-        return volume_below(run.system.q0.array_r[owned].reshape(-1, 3)[facets.nodes], triangles)
+        owned = run.system.unknowns.state[film].owned
+        return volume_below(
+            run.system.unknowns.q0.array_r[owned].reshape(-1, 3)[facets.nodes], triangles
+        )
 
     series = gx.Series({"volume [m3]": volume})
     scene = gx.Scene(film, pressure, damping, *held)
@@ -228,7 +230,7 @@ def plate(shape: str = "strip", n: int = 16, step: float = 50.0) -> Figures:
     )
     figures, _ = found_by(search)
     # Vertical coordinates; the reference is the largest deflection of the loaded edge.
-    z = search.system.q0.array_r[2::3]
+    z = search.system.unknowns.q0.array_r[2::3]
     deflection = float(z[body.nodes(loaded)].max())
     return figures | {"W": deflection, "error [%]": 100 * abs(deflection / case.deflection - 1)}
 
@@ -266,9 +268,9 @@ def contact(n: int = 10, dt: float = 1e-4, until: float = 0.01, law: str = "barr
     positions = []
     velocities = []
     for film, facets in zip((lower, upper), films, strict=True):
-        owned = run.system.state[film].owned
-        positions.append(run.system.q0.array_r[owned].reshape(-1, 3)[facets.nodes])
-        velocities.append(run.system.v0.array_r[owned].reshape(-1, 3)[facets.nodes])
+        owned = run.system.unknowns.state[film].owned
+        positions.append(run.system.unknowns.q0.array_r[owned].reshape(-1, 3)[facets.nodes])
+        velocities.append(run.system.unknowns.v0.array_r[owned].reshape(-1, 3)[facets.nodes])
     all_triangles = np.vstack([films[0].triangles, films[1].triangles + len(positions[0])])
     kept = ("cpu", "wall", "dofs", "steps", "Newton/step", "rejected", "ΔE/E")
     return {name: figures[name] for name in kept} | {
@@ -314,7 +316,7 @@ def orthotropic(law: str = "braid", order: int = 1, n: int = 48, steps: int = 20
     return {
         "ratio": own_time / isotropic_time,
         **clock.figures(),
-        "dofs": runs[law].system.numbering.size,
+        "dofs": runs[law].system.unknowns.numbering.size,
         "steps": steps,
         "law [ms]": 1e3 * own_time,
         "isotropic law [ms]": 1e3 * isotropic_time,

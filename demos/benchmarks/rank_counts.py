@@ -82,7 +82,7 @@ def rank_counts(scene: str = "sheet", size: int = 40, steps: int = 2, levels: in
     counts += message_counts()
     newton_iterations = figures["Newton/step"] * figures["steps"]
     flops += newton_iterations * factorisation_flops(run.solver.newton.ksp)
-    bodies = [body for body in run.system.bodies if isinstance(body, MeshBody)]
+    bodies = [body for body in run.system.unknowns.bodies if isinstance(body, MeshBody)]
     cells = sum(owned_cells(body) for body in bodies)
     neighbours = COMM.allreduce(sum(neighbours_of(body) for body in bodies))
 

@@ -42,7 +42,7 @@ class Stopwatch:
         cpu = COMM.allreduce(time.process_time() - cpu)
         wall = time.perf_counter() - wall
         iterations = newton.all_iterations - iterations
-        dofs = run.system.numbering.size
+        dofs = run.system.unknowns.numbering.size
         # Peak memory of all ranks.
         peak = COMM.allreduce(megabytes())
         figures = {

@@ -130,7 +130,7 @@ def effort(run: gx.Simulation) -> dict[str, float]:
         "energy_error": run.energy_error,
         "newton_per_step": run.iterations / run.step,
         "substeps": run.substeps,
-        "dofs": run.system.numbering.size,
+        "dofs": run.system.unknowns.numbering.size,
         "seconds": run.seconds,
     }
 

@@ -54,7 +54,7 @@ def finish(axes: Any, xlabel: str, ylabel: str, **legend: Any) -> None:
 
 def triangles(system: Any, film: gx.Membrane) -> Array:
     """Present positions (n, 3, 3) [m] of the corners of the triangles that this rank owns."""
-    return corners_at(film, system.state[film].local_positions())
+    return corners_at(film, system.unknowns.state[film].local_positions())
 
 
 def corners_at(film: gx.Membrane, positions: Array) -> Array:

@@ -93,7 +93,10 @@ class FlightPicture(DrawnRun):
             """A component of the position, of the velocity or of the position of the Sun."""
 
             def number(run: StateView) -> float:
-                vectors = (*self.orbit.flight(run.system).state(), self.orbit.sun(run.time))
+                vectors = (
+                    *self.orbit.flight(run.system.unknowns).state(),
+                    self.orbit.sun(run.time),
+                )
                 return float(vectors[what][axis])
 
             return number
@@ -106,7 +109,7 @@ class FlightPicture(DrawnRun):
         return gx.Recording(self.folder, probes=probes | self.probes, every=NEVER)
 
     def _lit(self, run: StateView) -> float:
-        position, _ = self.orbit.flight(run.system).state()
+        position, _ = self.orbit.flight(run.system.unknowns).state()
         return float(self.orbit.sunlit(position, self.orbit.sun(run.time)))
 
     def draw(self, run: gx.plot.RunReader) -> None:

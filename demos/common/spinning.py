@@ -109,8 +109,8 @@ def momentum_probes(hub: gx.RigidBody) -> dict[str, Probe]:
 
     def of_hub(k: int) -> Probe:
         def component(run: Any) -> float:
-            d = run.system.state.vectors(directors)
-            rates = run.system.state.rates(directors)
+            d = run.system.unknowns.state.vectors(directors)
+            rates = run.system.unknowns.state.rates(directors)
             # Σ E_ij d_i × d_j' with Euler's tensor E
             return float(np.cross(d, hub.euler_tensor @ rates).sum(axis=0)[k])
 

@@ -206,7 +206,7 @@ def bent_tube(
 
 def _axis(film: gx.Membrane, equilibrium: gx.Equilibrium) -> tuple[Array, Array]:
     """Means of x and of y (n,) [m] of the nodes of each section, from the inlet to the tip."""
-    positions = equilibrium.system.state[film].local_positions()
+    positions = equilibrium.system.unknowns.state[film].local_positions()
     owned = film.block.index_map.size_local
     flat = film.space.tabulate_dof_coordinates()[:owned]
     parts = film.comm.allgather((flat[:, 0], positions[:owned]))

@@ -79,14 +79,14 @@ class Load:
         """Own entries of the multiplier in vectors of the system; none on other ranks."""
         from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
-        terms = [term for term in system.terms if isinstance(term, PointConstraint)]
+        terms = [term for term in system.unknowns.terms if isinstance(term, PointConstraint)]
         number = next(k for k, term in enumerate(terms) if term.name == self._model.load.name)
         # Multipliers are numbered behind the bodies.
-        return system.numbering.owned(len(system.bodies) + number)
+        return system.unknowns.numbering.owned(len(system.unknowns.bodies) + number)
 
     def __call__(self, run: Any) -> float:
         """The load: two bands, of each of which a half is modelled."""
-        own = float(run.system.q0.array_r[self._index(run.system)].sum())
+        own = float(run.system.unknowns.q0.array_r[self._index(run.system)].sum())
         return 4 * float(run.system.comm.allreduce(own))
 
     def add_derivative(

@@ -100,7 +100,7 @@ def opening(comm: MPI.Comm, area: float, pressure: float, until: float, cells: i
     curve = [(0.0, volume(run))]
 
     def record(run: gx.Simulation) -> None:
-        curve.append((run.system.time, volume(run)))
+        curve.append((run.system.unknowns.time, volume(run)))
 
     steps = round(until / 1e-4)
     for k in range(steps):

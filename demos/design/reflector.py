@@ -175,7 +175,7 @@ def changes(film: gx.Membrane, polynomials: int) -> Array:
 
 def deviation(film: gx.Membrane, equilibrium: gx.Equilibrium) -> Array:
     """Distance (n,) [m] along z of the inflated film from the paraboloid, at the owned nodes."""
-    x = equilibrium.system.state[film].positions()
+    x = equilibrium.system.unknowns.state[film].positions()
     return x[:, 2] - paraboloid(np.hypot(x[:, 0], x[:, 1]))
 
 
@@ -212,7 +212,7 @@ def main(
     film, equilibrium = build(comm, cells, order)
     equilibrium.find()
     before = deviation(film, equilibrium)
-    radii = np.hypot(*equilibrium.system.state[film].positions()[:, :2].T)
+    radii = np.hypot(*equilibrium.system.unknowns.state[film].positions()[:, :2].T)
     first = (radii, before)
     results, values = meridian_points(film, cells)
     found = gx.analysis.fit(
@@ -233,7 +233,7 @@ def main(
     errors = shape[:, 2] - np.interp(R, exact.R, exact.Z)
     naive = paraboloid(exact.R) - exact.Z
     if output is not None and comm.size == 1:
-        radii = np.hypot(*equilibrium.system.state[film].positions()[:, :2].T)
+        radii = np.hypot(*equilibrium.system.unknowns.state[film].positions()[:, :2].T)
         draw([first, (radii, after)], R, errors, exact, Path(output) / "reflector.png")
     rim = float(R.max(initial=0.0))
     return {
@@ -245,7 +245,7 @@ def main(
         "meridian off the paraboloid [µm]": 1e6 * float(np.abs(naive).max()),
         "rim error [µm]": 1e6 * abs(comm.allreduce(rim, op=MPI.MAX) - float(exact.R[-1])),
         "iterations": found.iterations,
-        "unknowns": equilibrium.system.numbering.size,
+        "unknowns": equilibrium.system.unknowns.numbering.size,
         "seconds": time.process_time() - began,
     }
 

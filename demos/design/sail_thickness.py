@@ -108,7 +108,7 @@ def cell_values(film: gx.Membrane, equilibrium: gx.Equilibrium, density: Any) ->
     """Roots of the mean of a density in each cell: compressive strains."""
     from dolfinx import fem
 
-    q = equilibrium.system.state[film].function()
+    q = equilibrium.system.unknowns.state[film].function()
     thickness = film.constants.thickness
     values = fem.Function(thickness.function_space)
     form = fem.form(density(q) * ufl.TestFunction(thickness.function_space) * film.dx)

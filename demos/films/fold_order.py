@@ -126,7 +126,7 @@ def at_start(*items: object) -> gx.Simulation:
 def layers(film: gx.Membrane, run: gx.Simulation) -> list[str]:
     """Quarters of the square from top to bottom; the first figure counts along x."""
     X = film.space.tabulate_dof_coordinates()
-    height = run.system.state[film].local_positions()[:, 2]
+    height = run.system.unknowns.state[film].local_positions()[:, 2]
     heights = {}
     for name in QUARTERS:
         # Inside of a quarter, away from the folds.

@@ -66,7 +66,7 @@ class Paper:
     def side_view(self) -> Array:
         """Positions (2, n) [m] along the strip, its crease at the origin and its ends up."""
         X = self.plate.space.tabulate_dof_coordinates()
-        x = self.statics.system.state[self.plate].local_positions()
+        x = self.statics.system.unknowns.state[self.plate].local_positions()
         rim = np.flatnonzero(np.isclose(X[:, 1], 0.0))
         rim = rim[np.argsort(X[rim, 0])]
         points = x[rim][:, [0, 2]]

@@ -53,7 +53,7 @@ def wrinkles(film: gx.Membrane, search: gx.Equilibrium) -> Wrinkles:
     """Fields of a film of order 1 on one rank."""
     fields = FieldFunctions(search.system, film, ["state", "direction", "strain2"])
     fields.update()
-    x = search.system.q0.array_r.reshape(-1, 3)
+    x = search.system.unknowns.q0.array_r.reshape(-1, 3)
     # Each field has one vector a cell.
     by_cell = []
     for function in fields.functions:

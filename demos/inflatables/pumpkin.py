@@ -122,8 +122,8 @@ class Balloon:
 
     def tendon_line(self) -> Array:
         """Positions (n, 3) [m] along the first seam."""
-        line = self.seams[0].lines(self.statics.system.initial)[0]
-        return line.positions(self.statics.system.state)
+        line = self.seams[0].lines(self.statics.system.unknowns.initial)[0]
+        return line.positions(self.statics.system.unknowns.state)
 
     def radius(self) -> float:
         """Largest distance [m] of the first seam from the axis."""

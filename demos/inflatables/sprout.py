@@ -487,7 +487,7 @@ class Deployed:
 
     def tip(self, side: int) -> Array:
         """Position (3,) [m] of the middle of a tube's tip."""
-        return self.statics.system.state.vector(self.tips[side])
+        return self.statics.system.unknowns.state.vector(self.tips[side])
 
     def span(self) -> float:
         """Distance of the tips [m]."""

@@ -197,14 +197,14 @@ def main(
         outputs.append(gx.plot.Picture(Path(output) / "reduced_sail.png", times=drawn))
     long = flight(reduced, spin, dt, outputs, controlled=True)
     long.run(until=until)
-    hub = next(body for body in long.system.bodies if body.name == "hub")
-    axis = long.system.state.vectors([hub.frame().directors[2]])[0]
+    hub = next(body for body in long.system.unknowns.bodies if body.name == "hub")
+    axis = long.system.unknowns.state.vectors([hub.frame().directors[2]])[0]
     return {
         "error": error,
         "sampling_error": reduced.sample.error,
         "speed_up": seconds[0] / seconds[1],
-        "unknowns": whole.system.numbering.size,
-        "reduced_unknowns": few.system.numbering.size,
+        "unknowns": whole.system.unknowns.numbering.size,
+        "reduced_unknowns": few.system.unknowns.numbering.size,
         "energy_error": abs(few.energy_error),
         "angular_momentum_drift": relative_drift(
             few.totals.angular_momentum, few.first.angular_momentum

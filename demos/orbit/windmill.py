@@ -239,8 +239,8 @@ def main(
     frame = body.frame()
 
     def spin() -> float:
-        directors = run.system.state.vectors(frame.directors[:2])
-        rates = run.system.state.rates(frame.directors[:2])
+        directors = run.system.unknowns.state.vectors(frame.directors[:2])
+        rates = run.system.unknowns.state.rates(frame.directors[:2])
         return float(rates[0] @ directors[1])
 
     before = spin()

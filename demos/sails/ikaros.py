@@ -400,7 +400,7 @@ def steady(
     search.find()
     stiffness = 0.0
     for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
-        a, b = search.system.state.vectors(pair)
+        a, b = search.system.unknowns.state.vectors(pair)
         distance = float(np.linalg.norm(a - b))
         tension = TETHER * max(distance - length, 0.0)
         stiffness += tension * float(np.linalg.norm(a) * np.linalg.norm(b)) / distance

@@ -208,7 +208,7 @@ def main(
     if output is not None:
         outputs.append(case.recording(Path(output), overwrite=True))
     run = case.simulation(outputs)
-    arms = [body for body in run.system.bodies if isinstance(body, gx.Cable)]
+    arms = [body for body in run.system.unknowns.bodies if isinstance(body, gx.Cable)]
     looks = []
     for t in np.linspace(0.0, until, 6):
         if t > 0:

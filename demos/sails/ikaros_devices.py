@@ -347,7 +347,7 @@ def rms(comm: MPI.Comm, values: Array, areas: Array) -> float:
 
 def sail_of(search: gx.Equilibrium) -> Any:
     """The film of a steady spin."""
-    return next(body for body in search.system.bodies if body.name == "sail")
+    return next(body for body in search.system.unknowns.bodies if body.name == "sail")
 
 
 def figures(search: gx.Equilibrium) -> dict[str, float]:
@@ -381,8 +381,8 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
         for sx in (-1, 1)
         for sy in (-1, 1)
     ]
-    height_of_tips = system.state.vectors(ends)[:, 2].mean()
-    height_of_inner_edge = system.state.vectors(inner)[:, 2].mean()
+    height_of_tips = system.unknowns.state.vectors(ends)[:, 2].mean()
+    height_of_inner_edge = system.unknowns.state.vectors(inner)[:, 2].mean()
     mass = masses(film)
     J = inertia(comm, corners, mass)
     flat_J = inertia(comm, flat, mass)
@@ -399,7 +399,7 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
         "torque": torque_of_light(comm, corners),
         "iterations": search.result.iterations,
         "residual": search.result.residual,
-        "unknowns": system.numbering.size,
+        "unknowns": system.unknowns.numbering.size,
         "seconds": search.result.seconds,
     }
 
@@ -409,7 +409,7 @@ def slack_tethers(search: gx.Equilibrium) -> int:
     ropes = next(item for item in search.scene.items if isinstance(item, gx.connectors.RopeBundle))
     stretches = []
     for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
-        a, b = search.system.state.vectors(pair)
+        a, b = search.system.unknowns.state.vectors(pair)
         stretches.append(max(float(np.linalg.norm(a - b)) - length, 0.0))
     return int(np.sum(np.array(stretches) <= SLACK_SHARE * np.mean(stretches)))
 
@@ -493,7 +493,7 @@ def reduced_steady(
     shapes = gx.reduction.Snapshots(film)
     for share in SHARES_OF_LIGHT:
         search.find(at=share)
-        shapes.positions.append(search.system.state[film].positions().copy())
+        shapes.positions.append(search.system.unknowns.state[film].positions().copy())
     found = gx.analysis.modes(search, modes, spin=(0.0, 0.0, rpm * RPM))
     swinging = gx.analysis.ModeShapes(film, search, modes=found, height=MODE_HEIGHT)
     # The mean of the shapes is nearly the plane one, which is in every basis.
@@ -515,7 +515,7 @@ def momentum_of_reduced(run: gx.Simulation, film: ReducedMembrane, hub: gx.Rigid
     mass = np.array([film.basis.mass] * size + [ikaros.TIP] * 4 + [ikaros.HUB_MASS])
     moved = mass.copy()
     moved[1:size] = 0.0
-    state = run.system.state
+    state = run.system.unknowns.state
     x = state.vectors(points)
     v = state.rates(points)
     momentum: Array = np.cross(x, mass[:, None] * v).sum(axis=0)
@@ -635,8 +635,8 @@ def angular_momentum(
 
     That of the whole run has the orbit's in it, which is 1e13 times as large.
     """
-    directors = run.system.state.vectors(frame.directors)
-    rates = run.system.state.rates(frame.directors)
+    directors = run.system.unknowns.state.vectors(frame.directors)
+    rates = run.system.unknowns.state.rates(frame.directors)
     # ω = ½ Σ d_k × d_k'
     spin = np.cross(directors, rates).sum(axis=0) / 2
     along = float(spin @ directors[2])

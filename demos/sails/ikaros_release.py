@@ -496,7 +496,9 @@ def draw(
     looks = [states[k] for k in np.linspace(0, len(states) - 1, 5).astype(int)]
     shapes = []
     for state in looks:
-        cables = [body for body in state.search.system.bodies if isinstance(body, gx.Cable)]
+        cables = [
+            body for body in state.search.system.unknowns.bodies if isinstance(body, gx.Cable)
+        ]
         lines = [gx.fields.line_values(state.search, cable).points[:, :2] for cable in cables]
         shapes.append(np.concatenate(lines))
     if states[0].search.comm.rank != 0:

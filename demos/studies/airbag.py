@@ -59,7 +59,7 @@ def airbag(
 def displacement(film: gx.Membrane, search: gx.Equilibrium, point: str) -> np.ndarray:
     """Of a named point [m]."""
     port = film.port(point)
-    return search.system.state.vector(port) - port.initial()
+    return search.system.unknowns.state.vector(port) - port.initial()
 
 
 def volume_and_potential(found: gx.analysis.EquilibriumResult) -> tuple[float, float]:
@@ -80,7 +80,7 @@ def print_equilibria(
     film, search = airbag(MPI.COMM_WORLD, LAWS[law], 1, cells)
     found = gx.analysis.equilibria(search, starts=starts, perturbation=perturbation)
     for one in found:
-        search.system.restore(one.coordinates, 0 * one.coordinates, search.system.time)
+        search.system.restore(one.coordinates, 0 * one.coordinates, search.system.unknowns.time)
         volume, potential = volume_and_potential(one.result)
         height = displacement(film, search, "bottom left")[2]
         if MPI.COMM_WORLD.rank == 0:

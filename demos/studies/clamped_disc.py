@@ -46,7 +46,7 @@ def problem(comm: MPI.Comm, law: str, element: str, q: float, nodes: int) -> dic
     p = q * FILM["E"] * FILM["thickness"]
     equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, p), *supports))
     found = equilibrium.find()
-    heights = equilibrium.system.q0.array_r.reshape(-1, 3)[:, 2]
+    heights = equilibrium.system.unknowns.q0.array_r.reshape(-1, 3)[:, 2]
     return {
         "w0/a": comm.allreduce(float(heights.max(initial=0.0)), op=MPI.MAX),
         "V/a³": 4 * found.totals.supplied / p,

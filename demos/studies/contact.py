@@ -220,9 +220,9 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
 
 def bar_velocity(run: gx.Simulation, body: gx.Membrane) -> float:
     """Mean velocity along x, by mass."""
-    owned = run.system.state[body].owned
-    P = run.system.numbering.vector()
-    run.system.M.mult(run.system.v0, P)
+    owned = run.system.unknowns.state[body].owned
+    P = run.system.unknowns.numbering.vector()
+    run.system.unknowns.M.mult(run.system.unknowns.v0, P)
     mass = BAR["density"] * BAR["thickness"] * LENGTH * WIDTH
     return float(run.comm.allreduce(P.array_r[owned][::3].sum()) / mass)
 
@@ -478,8 +478,8 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         run, contact, deviation = extreme(comm, [] if case == "ordinary" else words)
     first = run.first
     now = run.totals
-    P = run.system.numbering.vector()
-    run.system.M.mult(run.system.v0, P)
+    P = run.system.unknowns.numbering.vector()
+    run.system.unknowns.M.mult(run.system.unknowns.v0, P)
     # The sum of |m v| of all nodes, which may be opposite, is a scale that is not zero, also where
     # the total momentum is.
     size = float(comm.allreduce(np.abs(P.array_r).sum()))

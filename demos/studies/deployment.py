@@ -55,7 +55,7 @@ def problem(
         "distance [mm]": 1e3 * math.hypot(x[-1], z[-1]),
         "mean speed [m/s]": float(np.trapezoid(speed, t) / t[-1]),
         **run_figures(run, series),
-        "unknowns": run.system.q0.getSize(),
+        "unknowns": run.system.unknowns.q0.getSize(),
     }
 
 

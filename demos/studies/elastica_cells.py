@@ -66,8 +66,8 @@ def unstable_directions(equilibrium: gx.Equilibrium) -> int:
     The film is plane, so that these do not couple with displacements in the plane.  On one rank.
     """
     system = equilibrium.system
-    system.set_inertia(0.0)
-    tangent = system.tangent()
+    system.equations.set_inertia(0.0)
+    tangent = system.matrices.tangent()
     size = tangent.getSize()[0]
     z = np.arange(2, size, 3)
     starts, columns, values = tangent.getValuesCSR()
@@ -100,8 +100,8 @@ def problem(comm: MPI.Comm, body: str, columns: int) -> dict[str, float]:
     except gx.NoEquilibrium:
         # No equilibrium is a result of this study.
         pass
-    heights = free.system.q0.array_r[2::3]
-    values["free energy"] = sum(free.system.totals().stored.values())
+    heights = free.system.unknowns.q0.array_r[2::3]
+    values["free energy"] = sum(free.system.balance.totals().stored.values())
     values["height [mm]"] = 1e3 * float(np.abs(heights).max())
     return values
 

@@ -144,7 +144,7 @@ def solved(above: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
     return {
         "force": float(search.reaction(above)[0][0]),
         "energy": sum(found.totals.stored.values()),
-        "unknowns": search.system.numbering.size,
+        "unknowns": search.system.unknowns.numbering.size,
         **search_figures(found),
     }
 

@@ -156,7 +156,7 @@ def solved(moved: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
         "m": -2 * float(couple[2]) / (P * HEIGHT),
         "K": FILM["E"] * thickness * HEIGHT**2 * CURVATURE / (2 * P),
         "potential": stored - TENSION * thickness * opening,
-        "unknowns": search.system.numbering.size,
+        "unknowns": search.system.unknowns.numbering.size,
         **search_figures(found),
     }
 
@@ -164,7 +164,7 @@ def solved(moved: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
 def line(body: gx.Membrane, search: gx.Equilibrium, y: float) -> Array:
     """Nodes (n, 4) at a height y of the mesh in order: x of the mesh, and their displacement [m];
     all ranks have all."""
-    x = search.system.state[body].local_positions()
+    x = search.system.unknowns.state[body].local_positions()
     X = body.space.tabulate_dof_coordinates()
     chosen = np.abs(X[:, 1] - y) < 1e-9
     mine = np.column_stack([X[chosen, 0], (x - X)[chosen]])

@@ -103,7 +103,7 @@ def top(comm: MPI.Comm, ratio: float, rate: float) -> Answer:
     steps = math.ceil(400 * max(1.0, rate / precession))
     run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=turn / precession / steps))
     run.run(until=turn / precession)
-    axis = run.system.state.vector(body.port((0.0, 0.0, 1.0)))
+    axis = run.system.unknowns.state.vector(body.port((0.0, 0.0, 1.0)))
     e = momentum / np.linalg.norm(momentum)
     before = np.array([0.0, 0.0, 1.0])
     flat = [v - (v @ e) * e for v in (before, axis)]
@@ -157,7 +157,7 @@ def _height(comm: MPI.Comm, size: float) -> float:
     search = gx.Equilibrium(gx.Scene(film, *held, gx.Pressure(film, 1000.0)))
     search.find()
     middle = film.port_at((size / 2, size / 2, 0.0))
-    return float(search.system.state.vector(middle)[2]) / size
+    return float(search.system.unknowns.state.vector(middle)[2]) / size
 
 
 SCENES: dict[str, Callable[..., Answer]] = {

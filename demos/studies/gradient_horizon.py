@@ -86,7 +86,7 @@ class MeanRadius:
 
     def _points(self, run: Any) -> Array:
         """Positions (n, 2) of the ports in the plane, on all ranks."""
-        return run.system.state.vectors(self._ports)[:, :2]
+        return run.system.unknowns.state.vectors(self._ports)[:, :2]
 
     def value(self, run: Any) -> float:
         """The mean of the radii in the present state of a run."""
@@ -97,7 +97,7 @@ class MeanRadius:
         body = self._body
         points = self._points(run)
         outwards = points / np.linalg.norm(points, axis=1)[:, None] / len(points)
-        owned = run.system.block(body).owned
+        owned = run.system.unknowns.block(body).owned
         first, last = body.block.index_map.local_range
         found = np.zeros(((owned.stop - owned.start) // 3, 3))
         for port, direction in zip(self._ports, outwards, strict=True):
@@ -142,10 +142,10 @@ def disc(comm: MPI.Comm, change: float, until: float, h: float) -> Deployment:
     film = _film(run)
     radius = MeanRadius([film.port(f"tip {k}") for k in range(6)])
     # All initial velocities are proportional to the spin.
-    velocities = run.system.v0.array_r
+    velocities = run.system.unknowns.v0.array_r
     direction = {
-        f"{body.name}.initial_velocity": np.array(velocities[run.system.block(body).owned])
-        for body in run.system.bodies
+        f"{body.name}.initial_velocity": np.array(velocities[run.system.unknowns.block(body).owned])
+        for body in run.system.unknowns.bodies
     }
     result = gx.analysis.Functional(radius.value, radius.derivative, unit="m")
     return Deployment(run, result, list(direction), direction)
@@ -159,7 +159,7 @@ def simulation(case: gx.Case, h: float) -> gx.Simulation:
 
 def _film(run: gx.Simulation) -> gx.Membrane:
     """The film of a scene."""
-    return next(body for body in run.system.bodies if isinstance(body, gx.Membrane))
+    return next(body for body in run.system.unknowns.bodies if isinstance(body, gx.Membrane))
 
 
 SCENES = {"tube": tube, "damped tube": damped_tube, "disc": disc}
@@ -208,7 +208,7 @@ def problem(comm: MPI.Comm, scene: str, share: float = 1.0) -> Mapping[str, floa
     result["growth"] = growths[-1]
     result["energy_error"] = abs(usual.run.energy_error)
     result["rejected"] = usual.run.substeps
-    result["unknowns"] = usual.run.system.numbering.size
+    result["unknowns"] = usual.run.system.unknowns.numbering.size
     result["steps"] = usual.run.step
     result["seconds"] = time.process_time() - began
     return result

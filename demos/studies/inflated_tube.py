@@ -48,7 +48,7 @@ def exact(q: float) -> tuple[float, float]:
 def stretches(film: gx.Membrane, search: gx.Equilibrium) -> tuple[float, float]:
     """(λ_x, λ_t) of the middle quarter of the wall: mean distance from its axis, and slope of x
     over X."""
-    x = search.system.q0.array_r.reshape(-1, 3)
+    x = search.system.unknowns.q0.array_r.reshape(-1, 3)
     X = film.space.tabulate_dof_coordinates()[: len(x)]
     # Away from the caps, which disturb the wall over a few radii.
     middle = abs(X[:, 0] / LENGTH - 0.5) < 0.125

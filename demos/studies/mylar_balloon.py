@@ -51,7 +51,7 @@ def inflate(
     p = q * FILM["E"] * FILM["thickness"]
     search = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, p), *held))
     found = search.find()
-    x = search.system.q0.array_r.reshape(-1, 3)
+    x = search.system.unknowns.q0.array_r.reshape(-1, 3)
     rim = [node for node in film.nodes("rim") if node < len(x)]
     radii, n = comm.allreduce(np.array([np.hypot(x[rim, 0], x[rim, 1]).sum(), len(rim)]))
     height = comm.allreduce(float(x[:, 2].max(initial=0.0)), op=MPI.MAX)

@@ -127,7 +127,7 @@ def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation,
         bodies = [a, b, spring]
     run = gx.Simulation(gx.Scene(*bodies, orbit), gx.Midpoint(dt=h))
     run.run(until=10 * REVOLUTION)
-    here, _ = orbit.flight(run.system).state()
+    here, _ = orbit.flight(run.system.unknowns).state()
     exact, _ = gx.orbit.Elements(A, 0.1).after(run.time).state()
     return run, 1 + float(np.linalg.norm(here - exact)) / A
 
@@ -149,8 +149,8 @@ def libration(comm: MPI.Comm, angle: float, h: float) -> tuple[gx.Simulation, fl
 
     def from_the_vertical(run: gx.Simulation) -> float:
         """Sine of the angle between the bar and the vertical, in the plane of the orbit."""
-        axis = run.system.state.vectors([bar.frame().directors[0]])[0]
-        outward = orbit.flight(run.system).origin.R0
+        axis = run.system.unknowns.state.vectors([bar.frame().directors[0]])[0]
+        outward = orbit.flight(run.system.unknowns).origin.R0
         return float(outward[0] * axis[1] - outward[1] * axis[0]) / A
 
     exact = float(ellipk(s**2)) / (math.sqrt(3) * RATE)

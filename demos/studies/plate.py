@@ -91,7 +91,7 @@ SZE_LAW = isotropic(1.2e6, 0.1, density=1.0)
 
 def positions(equilibrium: gx.Equilibrium, plate: gx.Plate, group: str) -> np.ndarray:
     """Mean position (3,) of the nodes of a group; the same on every rank."""
-    x = equilibrium.system.q0.array_r.reshape(-1, 3)
+    x = equilibrium.system.unknowns.q0.array_r.reshape(-1, 3)
     nodes = plate.nodes(group)
     nodes = nodes[nodes < len(x)]
     total = plate.comm.allreduce(np.append(x[nodes].sum(axis=0), len(nodes)))
@@ -230,7 +230,7 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
         effort.add(equilibrium.find(at=share))
     nodes = plate.nodes("start")
     radius = plate.space.tabulate_dof_coordinates()[nodes, 0]
-    z = equilibrium.system.q0.array_r.reshape(-1, 3)[:, 2]
+    z = equilibrium.system.unknowns.q0.array_r.reshape(-1, 3)[:, 2]
     here = nodes < len(z)
     errors = []
     for r, exact in zip((6.0, 10.0), SZE_C[1.0], strict=True):
@@ -318,7 +318,7 @@ def pressed(comm: MPI.Comm, cells: int, load: float) -> Figures:
     pressure = gx.Pressure(plate, load * 1e9 * t**4)
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "rim", rotation=True), pressure))
     found = equilibrium.find()
-    own_height = float(equilibrium.system.q0.array_r[2::3].max(initial=0.0))
+    own_height = float(equilibrium.system.unknowns.q0.array_r[2::3].max(initial=0.0))
     value = comm.allreduce(own_height, op=MPI.MAX) / t
     return {
         "error": abs(value / DISC[load] - 1),

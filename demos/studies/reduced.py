@@ -77,7 +77,7 @@ def truth() -> Truth:
 
 def spin(run: gx.Simulation) -> float:
     """Of the hub about z [rad/s]."""
-    hub: Any = next(body for body in run.system.bodies if body.name == "hub")
+    hub: Any = next(body for body in run.system.unknowns.bodies if body.name == "hub")
     return gx.probes.AngularVelocity(hub.frame(), "z")(run)
 
 
@@ -137,7 +137,7 @@ def predicted(
     σ = sail.basis.singular_values
     missed = stress(run, sail) - known.stress
     return {
-        "unknowns": run.system.numbering.size,
+        "unknowns": run.system.unknowns.numbering.size,
         "error": error_across(comm, found),
         "tilted": error_across(comm, found),
         "spin": abs(spin(run) / known.spin - 1),

@@ -128,9 +128,9 @@ def problem(comm: MPI.Comm, shell: str, cells: int) -> dict[str, float]:
     """`cells` along an edge."""
     plate, items, port = SHELLS[shell](comm, cells)
     equilibrium = gx.Equilibrium(gx.Scene(plate, *items))
-    start = equilibrium.system.state.vector(port).copy()
+    start = equilibrium.system.unknowns.state.vector(port).copy()
     found = equilibrium.find()
-    moved = equilibrium.system.state.vector(port) - start
+    moved = equilibrium.system.unknowns.state.vector(port) - start
     deflection = float(np.abs(moved).max()) / FACTORS[shell]
     return {
         "deflection": deflection,

@@ -123,7 +123,8 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     state = run.chamber("tube")
     errors = (abs(run.energy_error), abs(run.mass_error))
     finite = bool(
-        np.isfinite(run.system.q0.array_r).all() and np.isfinite(run.system.v0.array_r).all()
+        np.isfinite(run.system.unknowns.q0.array_r).all()
+        and np.isfinite(run.system.unknowns.v0.array_r).all()
     )
     # Without these the cell is an error, however few iterations it took.
     sound = (

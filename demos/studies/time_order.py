@@ -139,8 +139,10 @@ def positions(run: gx.Simulation) -> Array:
     system = run.system
     # A rank may have no body.
     found = [np.zeros(0)]
-    for k, body in enumerate(system.bodies):
-        q = system.q0.array_r[system.numbering.owned(k)].reshape(-1, body.block.size)
+    for k, body in enumerate(system.unknowns.bodies):
+        q = system.unknowns.q0.array_r[system.unknowns.numbering.owned(k)].reshape(
+            -1, body.block.size
+        )
         found.append(q[:, :3].ravel())
     return np.concatenate(found)
 

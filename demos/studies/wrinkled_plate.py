@@ -138,8 +138,8 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
         "energy [J]": sum(found.totals.stored.values()),
         "film's energy [J]": sum(of_film.totals.stored.values()),
         "residual": found.residual,
-        "unknowns": equilibrium.system.numbering.size,
-        "film's unknowns": other.system.numbering.size,
+        "unknowns": equilibrium.system.unknowns.numbering.size,
+        "film's unknowns": other.system.unknowns.numbering.size,
         "iterations": found.iterations,
         "seconds": found.seconds,
         "film's seconds": of_film.seconds,
@@ -148,7 +148,7 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
 
 def wrinkles(plate: gx.Plate, equilibrium: gx.Equilibrium) -> dict[str, float]:
     """Number, half wavelength and amplitude of the wrinkles on the middle line."""
-    z = equilibrium.system.q0.array_r[2::3]
+    z = equilibrium.system.unknowns.q0.array_r[2::3]
     X = plate.space.tabulate_dof_coordinates()[: len(z)]
     # Nodes of the middle line, of all ranks.
     middle = abs(X[:, 1] - HEIGHT / 2) < 1e-9

@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
@@ -123,6 +124,25 @@ class Account:
     columns: Mapping[str, float] = field(default_factory=dict)
     caption: str = ""
     details: Mapping[str, Any] = field(default_factory=dict)
+
+
+def chamber_states(system: System) -> dict[str, Any]:
+    """States of the gas chambers and tanks of a scene by name, see `gas.contract.ChamberState`."""
+    found: dict[str, Any] = {}
+    for scalars in system.equations.scalar_unknowns:
+        found |= scalars.states()
+    return found
+
+
+def chamber_state(system: System, name: str) -> Any:
+    """State of the gas in one chamber or tank; `InputError` if none in the scene has this name."""
+    chambers = chamber_states(system)
+    known = ", ".join(chambers) or "none"
+    check(
+        name in chambers,
+        f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.",
+    )
+    return chambers[name]
 
 
 @runtime_checkable

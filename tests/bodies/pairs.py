@@ -209,7 +209,7 @@ def conserves(scene: gx.Scene, closed: bool = True, steps: int = 200) -> gx.Simu
             assert error < 1e-10 * scale
             error = np.abs(now.angular_momentum - first.angular_momentum).max()
             assert error < 1e-10 * scale
-        if run.system.constraints is not None:
-            assert run.system.constraints.violation(run.system.q0) < 1e-10
+        if run.system.equations.constraints is not None:
+            assert run.system.equations.constraints.violation(run.system.unknowns.q0) < 1e-10
     assert run.step == steps
     return run

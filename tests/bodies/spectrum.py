@@ -26,15 +26,15 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
     # At the end point the tangent is the stiffness of the state alone, without averages over a
     # step.
     system: System = scene.compile(gx.steppers.EndPoint())
-    system.set_inertia(0.0)
-    system.begin_step(1.0)
-    K = dense(system.tangent())
-    M = dense(system.M)
-    free = np.setdiff1d(np.arange(len(K)), system.supports.held)
+    system.equations.set_inertia(0.0)
+    system.equations.begin_step(1.0)
+    K = dense(system.matrices.tangent())
+    M = dense(system.unknowns.M)
+    free = np.setdiff1d(np.arange(len(K)), system.unknowns.supports.held)
     coordinates = free
     Z = np.eye(len(K))
-    if system.constraints is not None:
-        owned = system.constraints.owned
+    if system.equations.constraints is not None:
+        owned = system.equations.constraints.owned
         coordinates = free[free < owned.start]
         multipliers = free[free >= owned.start]
         # Vectors in the null space of the constraints' rows move without violating a joint.

@@ -41,7 +41,7 @@ def test_free_antenna_conserves() -> None:
     # Conserved to round-off: 150 steps lose less than 1e-10 with the tolerance 1e-12 of Newton's
     # method.
     assert max(drifts(run)) < 1e-10
-    assert run.system.constraints.violation(run.system.q0) < 1e-10
+    assert run.system.equations.constraints.violation(run.system.unknowns.q0) < 1e-10
     # The film and the booms must be strained, or a rigid body would pass the test.
     assert sum(run.totals.stored.values()) > 1e-10 * run.totals.kinetic
 
@@ -54,7 +54,7 @@ def test_free_antenna_drifts_where_the_midpoint_rule_does_not() -> None:
     energy, _, spin = drifts(run)
     # 1e-8 separates a drift from round-off by two orders of magnitude.
     assert min(energy, spin) > 1e-8
-    assert run.system.constraints.violation(run.system.q0) < 1e-10
+    assert run.system.equations.constraints.violation(run.system.unknowns.q0) < 1e-10
 
 
 def test_swing_is_nearly_rigid() -> None:
@@ -103,7 +103,7 @@ def test_a_boom_is_as_stiff_as_by_hand() -> None:
     )
     ends = [gx.Fixed(boom, end) for end in ("start", "end")]
     search = at_rest(boom, *ends, gx.Gravity(boom, (0.0, 0.0, -1.0)))
-    sag = -search.system.state[boom].positions()[:, 2].min()
+    sag = -search.system.unknowns.state[boom].positions()[:, 2].min()
     length = antenna_attitude.SIDE * 2**0.5
     EI = 100e9 * np.pi / 4 * (0.02**4 - 0.0195**4)
     by_hand = 5 * antenna_attitude.BOOM.line_density * length**4 / (384 * EI)
@@ -145,7 +145,7 @@ def test_the_gradient_at_the_centre_node_is_exact_for_a_quadratic_shape(comm, ce
     film = gx.Membrane(mesh, antenna_attitude.FILM, order=2, displacement=bulge)
     points = antenna_attitude.meshes.tie_points(antenna_attitude.SIDE)
     frames = antenna_attitude.measured_frames(film, points, cells, order=2)
-    state = gx.Equilibrium(gx.Scene(film)).system.state
+    state = gx.Equilibrium(gx.Scene(film)).system.unknowns.state
     # The inner points are at the corners of a square, and those near the centre on its diagonals.
     signs = np.sign(points[4:])
     node = state.vectors(frames["node"].directors)

@@ -41,8 +41,8 @@ def controlled(
 def angle_and_rate(run: gx.Simulation) -> tuple[float, float]:
     """Angle of the body about z [rad] and its rate [rad/s]."""
     director = run.scene.bodies[0].frame().directors[0]
-    direction = run.system.state.vector(director)
-    rate = run.system.state.rate(director)
+    direction = run.system.unknowns.state.vector(director)
+    rate = run.system.unknowns.state.rate(director)
     return float(np.arctan2(direction[1], direction[0])), float(np.cross(direction, rate)[2])
 
 
@@ -162,8 +162,8 @@ def test_another_gain_of_a_compiled_scene_leaves_the_control_as_it_was() -> None
         hub.frame(), (0.1, 0.0, 0.0), stiffness=1.0, damping=2.0, name="steering"
     )
     changed, other = (gx.Simulation(gx.Scene(control), gx.Midpoint(dt=0.1)) for _ in range(2))
-    [loads] = changed.system.compiled_as(PointLoads)
-    [term] = changed.system.terms_of(control)
+    [loads] = changed.system.equations.compiled_as(PointLoads)
+    [term] = changed.system.unknowns.terms_of(control)
     loads.set_number(term, "stiffness", np.full(3, 3.0))
     assert loads.get_number(term, "stiffness").tolist() == [3.0, 3.0, 3.0]
     assert control.stiffness.tolist() == [1.0, 1.0, 1.0]

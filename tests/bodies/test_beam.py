@@ -46,7 +46,7 @@ def cantilever(elements: int, slenderness: float, load: float) -> tuple[float, f
     found = statics.find()
     node = global_node(beam, "end")
     # Nine coordinates a node: its position, then two directors.
-    x, _, z = statics.system.q0.array_r[9 * node : 9 * node + 3]
+    x, _, z = statics.system.unknowns.q0.array_r[9 * node : 9 * node + 3]
     return float(z), float(1 - x), found.iterations
 
 
@@ -151,8 +151,8 @@ def test_thrown_beam_conserves() -> None:
     assert error < 1e-10 * scale
     error = np.abs(run.totals.angular_momentum - run.first.angular_momentum).max()
     assert error < 1e-10 * scale
-    owned = run.system.numbering.owned(0)
-    d = run.system.q0.array_r[owned].reshape(-1, 3, 3)[:, 1:]
+    owned = run.system.unknowns.numbering.owned(0)
+    d = run.system.unknowns.q0.array_r[owned].reshape(-1, 3, 3)[:, 1:]
     products = np.einsum("nai,nbi->nab", d, d) - np.eye(2)
     assert np.abs(products).max(initial=0.0) < 1e-10
     # It must have been bent, or the test would not see the elastic forces.

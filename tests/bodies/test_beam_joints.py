@@ -41,7 +41,7 @@ def arm(name: str, direction: tuple[float, ...], elements: int = 2, **more) -> g
 
 def triad(run: gx.Simulation, frame: gx.Frame) -> np.ndarray:
     """Normal, d2 and d3 (3, 3) of a section or of a body's last two axes, as they are now."""
-    d2, d3 = run.system.state.vectors(frame.directors[-2:])
+    d2, d3 = run.system.unknowns.state.vectors(frame.directors[-2:])
     return np.array([np.cross(d2, d3), d2, d3])
 
 
@@ -95,7 +95,7 @@ def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
     search = at_rest(
         gx.Fixed(beams[0], "start", rotation=True), *beams, *joints, gx.loads.Force(port, load)
     )
-    return search.system.state.vectors([port])[0]
+    return search.system.unknowns.state.vectors([port])[0]
 
 
 def test_a_cantilever_in_pieces_bends_as_one_in_one_piece() -> None:
@@ -155,7 +155,7 @@ def test_a_beam_slides_along_a_beam() -> None:
         axis=(0.4, 0.5, -0.3),
     )
     run = conserves(gx.Scene(joint, pulled(one)))
-    a, b = run.system.state.vectors([one.port("start"), two.port("start")])
+    a, b = run.system.unknowns.state.vectors([one.port("start"), two.port("start")])
     # They have moved along the axis by more than 1 cm, or nothing was tested.
     assert np.linalg.norm(a - b) > 0.01
 

@@ -51,7 +51,7 @@ def test_spinning_loop_keeps_its_radius(corners: int, stretch: float) -> None:
     run = gx.Simulation(gx.Scene(loop), gx.Midpoint(dt=2e-3))
     for k in range(10):
         run.run(until=0.04 * (k + 1))
-        radius = np.linalg.norm(run.system.q0.array_r.reshape(-1, 3), axis=1)
+        radius = np.linalg.norm(run.system.unknowns.q0.array_r.reshape(-1, 3), axis=1)
         error = np.abs(radius / stretch - 1).max(initial=0.0)
         # The stretch is given with ten digits; 20 rad/s for 0.4 s amplify their round-off to below
         # 1e-6.
@@ -81,11 +81,11 @@ def test_elastic_catenary() -> None:
     )
     found = Equilibrium(scene)
     found.find()
-    x = found.system.q0.array_r.reshape(-1, 3)
+    x = found.system.unknowns.q0.array_r.reshape(-1, 3)
     sag = -x[:, 2].min()
     # Sag, horizontal force and end force of the elastic catenary, solved with its two equations.
     assert sag == pytest.approx(2.044323, rel=2e-3)
-    reactions = found.system.supports.reactions.reshape(2, 3)
+    reactions = found.system.unknowns.supports.reactions.reshape(2, 3)
     assert np.abs(reactions[:, 0]) == pytest.approx(32.037271, rel=2e-3)
     assert np.linalg.norm(reactions, axis=1) == pytest.approx(42.221283, rel=2e-3)
     # Half the weight, 11 m × 0.5 kg/m × 10 m/s² / 2, which equilibrium gives exactly.
@@ -167,7 +167,7 @@ def test_tension_only_cable_goes_slack(strain: Literal["green", "engineering"]) 
         velocity=lambda x: np.vstack([-(x[0] - 0.5), 0 * x[0], 0 * x[0]]),
     )
     run = run_until(0.8, cable, dt=1e-2)
-    x = run.system.q0.array_r.reshape(-1, 3)
+    x = run.system.unknowns.q0.array_r.reshape(-1, 3)
     # 1 m - 1 m/s × 0.8 s: without force the ends approach at the initial speed.
     assert np.ptp(x[:, 0]) == pytest.approx(0.2, abs=1e-12)
     run.run(until=2.05)  # it has passed through itself and is taut again

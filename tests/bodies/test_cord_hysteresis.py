@@ -191,7 +191,9 @@ def test_a_restart_in_the_middle_of_the_unloading_curve_goes_on(folder: Path) ->
 def test_gradients_and_cables_refuse_it_by_name() -> None:
     film, cord = ribbon(CORD)
     statics = at_rest(film, cord, gx.Fixed(film, "left"), gx.Fixed(film, "right"))
-    kinds = [kind for kind in statics.system.compiled if hasattr(kind, "without_gradient")]
+    kinds = [
+        kind for kind in statics.system.equations.compiled if hasattr(kind, "without_gradient")
+    ]
     words = "".join(kind.without_gradient() for kind in kinds)
     assert "'cord' unloads on another curve" in words
     with pytest.raises(gx.InputError, match="only a Tape has"):

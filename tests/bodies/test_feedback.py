@@ -94,7 +94,7 @@ def test_sampled_torque_turns_a_body() -> None:
         director = body.frame().directors[0]
 
         def angle(run: Any, director: Any = director) -> float:
-            x, y, _ = run.system.state.vector(director)
+            x, y, _ = run.system.unknowns.state.vector(director)
             return float(np.arctan2(y, x))
 
         rate = gx.probes.AngularVelocity(body.frame(), "z")
@@ -193,7 +193,7 @@ def test_axis_of_an_idle_wheel_precesses() -> None:
     a = np.array(Z)
     # Rodrigues' formula.
     exact = a * np.cos(angle) + np.cross(n, a) * np.sin(angle) + n * (n @ a) * (1 - np.cos(angle))
-    found = run.system.state.vector(run.scene.bodies[0].frame().directors[2])
+    found = run.system.unknowns.state.vector(run.scene.bodies[0].frame().directors[2])
     assert found == pytest.approx(exact, abs=1e-3)
     # The gyroscopic torque does no work.
     assert run.totals.supplied == pytest.approx(0.0, abs=1e-14)

@@ -26,7 +26,7 @@ def oscillator(stepper: gx.GeneralizedAlpha) -> float:
     )
     run.run(until=1.0)
     # cos(ωt) with ω = √(100 N/m / 1 kg) = 10 rad/s.
-    return abs(float(run.system.q0.array_r[0]) - np.cos(10.0))
+    return abs(float(run.system.unknowns.q0.array_r[0]) - np.cos(10.0))
 
 
 def physical_pendulum(stepper: gx.GeneralizedAlpha) -> float:
@@ -46,10 +46,10 @@ def physical_pendulum(stepper: gx.GeneralizedAlpha) -> float:
     hinge = gx.constraints.RevoluteJoint(rod.frame((-0.5, 0, 0)), gx.ground_frame(), axis=(0, 0, 1))
     run = gx.Simulation(gx.Scene(hinge, gx.Gravity(rod, (0, -9.81, 0))), stepper)
     run.run(until=1.0)
-    assert run.system.constraints is not None
+    assert run.system.equations.constraints is not None
     # The constraint is imposed on positions, so it holds to round-off.
-    assert run.system.constraints.violation(run.system.q0) < 1e-11
-    d1 = run.system.q0.array_r[3:6]
+    assert run.system.equations.constraints.violation(run.system.unknowns.q0) < 1e-11
+    d1 = run.system.unknowns.q0.array_r[3:6]
     return abs(float(np.arctan2(d1[0], -d1[1])) - exact)
 
 
@@ -75,7 +75,7 @@ def blown_piston(stepper: gx.GeneralizedAlpha) -> float:
         stepper,
     )
     run.run(until=0.1)
-    return abs(float(run.system.q0.array_r[0]) - 97.060879e-3)
+    return abs(float(run.system.unknowns.q0.array_r[0]) - 97.060879e-3)
 
 
 @pytest.mark.parametrize("radius", [0.5, 0.8, 1.0])

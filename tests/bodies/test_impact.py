@@ -47,7 +47,7 @@ def collision(offset: float, dt: float) -> gx.Simulation:
 
 def rates(run: gx.Simulation) -> np.ndarray:
     """Velocities of the centres, (2, 3)."""
-    return run.system.v0.array_r[:24].reshape(2, 4, 3)[:, 0].copy()
+    return run.system.unknowns.v0.array_r[:24].reshape(2, 4, 3)[:, 0].copy()
 
 
 def test_central_impact_of_two_bodies() -> None:
@@ -57,7 +57,7 @@ def test_central_impact_of_two_bodies() -> None:
     touching = 0
     while run.time < 0.05:
         run.run(until=run.time + 2e-4)
-        x = run.system.q0.array_r[:24].reshape(2, 4, 3)[:, 0]
+        x = run.system.unknowns.q0.array_r[:24].reshape(2, 4, 3)[:, 0]
         gaps.append(float(np.linalg.norm(x[1] - x[0])) - 2 * RADIUS)
         touching += gaps[-1] < 0
     # Half a period of the reduced mass on the stop: π√(0.75 kg / 1e4 N/m).
@@ -133,7 +133,7 @@ def test_bar_on_a_wall() -> None:
         stiffness=ELEMENT,
     )
     run = gx.Simulation(gx.Scene(wall), gx.Midpoint(dt=L / C / N / 2))
-    duration = contact(run, lambda: run.system.q0.array_r[0] < -GAP)
+    duration = contact(run, lambda: run.system.unknowns.q0.array_r[0] < -GAP)
     # 5 %: the mesh of 50 elements disperses the front of the wave over some elements.
     assert duration == pytest.approx(2 * L / C, rel=5e-2)
     impulse = run.totals.momentum[0] - run.first.momentum[0]
@@ -157,11 +157,11 @@ def test_two_bars_exchange_their_velocities() -> None:
     ends = one.port("end"), two.port("start")
 
     def momenta() -> list[float]:
-        p = run.system.M * run.system.v0
-        return [float(p.array_r[run.system.numbering.owned(k)][::3].sum()) for k in (0, 1)]
+        p = run.system.unknowns.M * run.system.unknowns.v0
+        return [float(p.array_r[run.system.unknowns.numbering.owned(k)][::3].sum()) for k in (0, 1)]
 
     def overlaps() -> bool:
-        x = run.system.state.vectors(ends)[:, 0]
+        x = run.system.unknowns.state.vectors(ends)[:, 0]
         return bool(x[1] - x[0] < rod)
 
     duration = contact(run, overlaps)

@@ -60,7 +60,9 @@ def test_steady_spin_stays_steady() -> None:
     )
 
     def length() -> float:
-        owned = (run.system.q0.array_r[run.system.numbering.owned(k)] for k in (1, 2))
+        owned = (
+            run.system.unknowns.q0.array_r[run.system.unknowns.numbering.owned(k)] for k in (1, 2)
+        )
         x, y = (q[:3] for q in owned)
         return float(np.linalg.norm(x - y))
 

@@ -179,14 +179,14 @@ def test_closed_loop_is_solved() -> None:
     constant."""
     run = gx.Simulation(four_bars(balls=True), gx.Midpoint(dt=0.01))
     run.run(until=1.0)
-    q = run.system.q0.array_r[:36].reshape(3, 4, 3)
+    q = run.system.unknowns.q0.array_r[:36].reshape(3, 4, 3)
     # The directors of the two cranks are opposite, as one points up and the other down.
     assert q[0, 1] == pytest.approx(-q[2, 1], abs=1e-9)
     assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-10)
     # 1 rad/s for 1 s, up to the error h² of the midpoint rule.
     assert np.arctan2(q[0, 1, 0], q[0, 1, 1]) == pytest.approx(1.0, rel=1e-3)
-    assert run.system.constraints is not None
-    assert run.system.constraints.violation(run.system.q0) < 1e-10
+    assert run.system.equations.constraints is not None
+    assert run.system.equations.constraints.violation(run.system.unknowns.q0) < 1e-10
 
 
 def joined(comm: MPI.Comm) -> list[float]:
@@ -249,7 +249,7 @@ def test_a_screw_on_its_axis() -> None:
     )
     joint = gx.constraints.CylindricalJoint(gx.ground_frame(), bolt.frame(), axis=tuple(axis))
     run = run_until(0.5, joint, push, turn, dt=1e-3)
-    x, *directors = run.system.q0.array_r[:12].reshape(4, 3)
+    x, *directors = run.system.unknowns.q0.array_r[:12].reshape(4, 3)
     # The acceleration is constant, so the midpoint rule is exact; the rest is the constraint's
     # round-off.
     assert x == pytest.approx((1.5 + 0.8 * 0.5**2 / 2 / 2.0) * axis, abs=1e-9)

@@ -75,7 +75,9 @@ def test_a_restart_knows_whether_it_is_latched(folder: Path, stop: float) -> Non
     first.run(until=3.0)
     run.run(until=3.0)
     assert run.totals.losses == pytest.approx(first.totals.losses, rel=1e-9)
-    assert run.system.q0.array_r == pytest.approx(first.system.q0.array_r, abs=1e-9)
+    assert run.system.unknowns.q0.array_r == pytest.approx(
+        first.system.unknowns.q0.array_r, abs=1e-9
+    )
     assert abs(run.energy_error) < 1e-13
 
 
@@ -250,7 +252,9 @@ def test_a_restart_knows_whether_a_joint_was_released(folder: Path, stop: float)
         runs.append(run)
     for run in runs:
         run.run(until=2.0)
-    assert runs[1].system.q0.array_r == pytest.approx(runs[0].system.q0.array_r, abs=1e-9)
+    assert runs[1].system.unknowns.q0.array_r == pytest.approx(
+        runs[0].system.unknowns.q0.array_r, abs=1e-9
+    )
     assert runs[1].totals.kinetic == pytest.approx(0.3, rel=1e-9)
 
 
@@ -347,8 +351,8 @@ def test_a_universal_joint_passes_a_torque_on() -> None:
     bend = gx.loads.Torque(one.frame(), (1.0, 0.5, 0.0))
     run = gx.Simulation(gx.Scene(cross, bend), gx.Midpoint(0.01))
     run.run(until=1.0)
-    arm = run.system.state.vector(one.frame().directors[0])
-    across = run.system.state.vector(other.frame().directors[1])
+    arm = run.system.unknowns.state.vector(one.frame().directors[0])
+    across = run.system.unknowns.state.vector(other.frame().directors[1])
     assert arm @ across == pytest.approx(0.0, abs=1e-10)
     assert gx.probes.AngularVelocity(other.frame(), "x")(run) == pytest.approx(0.0, abs=0.1)
     assert abs(run.energy_error) < 1e-12

@@ -30,7 +30,10 @@ def midpoint(dt: float) -> gx.Midpoint:
 
 def coordinates(run: gx.Simulation, vectors: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates (vectors, 3) of the first bodies."""
-    q, v = (x.array_r[: 3 * vectors].reshape(-1, 3).copy() for x in (run.system.q0, run.system.v0))
+    q, v = (
+        x.array_r[: 3 * vectors].reshape(-1, 3).copy()
+        for x in (run.system.unknowns.q0, run.system.unknowns.v0)
+    )
     return q, v
 
 

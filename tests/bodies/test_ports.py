@@ -16,7 +16,7 @@ from tests.small_scenes import LINEAR, at_rest
 @pytest.mark.mpi
 def test_a_port_snaps_to_the_nearest_node(comm) -> None:
     film = gx.Membrane(sheet(comm, 4, 4), LINEAR)
-    state = gx.Scene(film).compile().state
+    state = gx.Scene(film).compile().unknowns.state
     with pytest.raises(gx.InputError, match=r"is 0\.2 m away from 'film'.*snap=True"):
         film.port_at((0.3, 0.6, 0.2))
     near = film.port_at((0.3, 0.6, 0.2), snap=True)
@@ -31,7 +31,7 @@ def test_a_port_snaps_to_the_nearest_node(comm) -> None:
 def test_a_port_is_on_the_mesh_to_a_millionth_of_its_size(comm, size) -> None:
     film = gx.Membrane(sheet(comm, 4, 4, size, size), LINEAR)
     port = film.port_at((0.3 * size, 0.6 * size, 1e-7 * size))
-    x = gx.Scene(film).compile().state.vector(port)
+    x = gx.Scene(film).compile().unknowns.state.vector(port)
     np.testing.assert_allclose(x, (0.3 * size, 0.6 * size, 0), atol=1e-12 * size)
     with pytest.raises(gx.InputError, match="away from 'film'"):
         film.port_at((0.3 * size, 0.6 * size, 1e-5 * size))
@@ -83,7 +83,7 @@ def test_a_force_on_each_node_of_a_group_is_that_on_its_ports(comm, in_time) -> 
 def test_ports_of_a_group_are_all_its_nodes(comm) -> None:
     film = gx.Membrane(sheet(comm, 4, 4), LINEAR, order=2)
     ports = film.ports("top")
-    x = gx.Scene(film).compile().state.vectors(ports)
+    x = gx.Scene(film).compile().unknowns.state.vectors(ports)
     np.testing.assert_allclose(np.sort(x[:, 0]), np.arange(9) / 8, atol=1e-12)
     np.testing.assert_allclose(x[:, 1:], [[1, 0]] * 9, atol=1e-12)
     # The gradient by the force is that of all of them: the sum of the displacements.

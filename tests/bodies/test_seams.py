@@ -33,9 +33,9 @@ def panel(
 
 def distance_of_edges(run: gx.Simulation | gx.Equilibrium, seam: Seam) -> float:
     """Largest distance [m] of the nodes of the finer edge from the points that belong to them."""
-    state = run.system.state
+    state = run.system.unknowns.state
     # The node fractions σ of the finer edge, where a difference of the two lines would show.
-    line_a, line_b = seam.lines(run.system.initial)
+    line_a, line_b = seam.lines(run.system.unknowns.initial)
     _, σ = max(line_a.all_nodes(), line_b.all_nodes(), key=lambda found: len(found[0]))
     apart = [state.vector(line_a.port(float(s))) - state.vector(line_b.port(float(s))) for s in σ]
     return float(np.linalg.norm(apart, axis=1).max())
@@ -146,10 +146,12 @@ def test_closed_edges_are_turned_to_each_other() -> None:
     top = gx.Membrane(ring(COMM, 0.5, 1.0, 3, 32), FILM, name="top", displacement=above)
     seam = gx.Seam(bottom, "rim", top, "rim")
     equilibrium = gx.Equilibrium(gx.Scene(bottom, top, seam, gx.Fixed(bottom, "hub")))
-    line_a, line_b = seam.lines(equilibrium.system.initial)
+    line_a, line_b = seam.lines(equilibrium.system.unknowns.initial)
     assert line_a.is_closed
-    a = line_a.positions(equilibrium.system.initial)
-    there = [equilibrium.system.initial.vector(line_b.port(float(f))) for f in line_a.fractions]
+    a = line_a.positions(equilibrium.system.unknowns.initial)
+    there = [
+        equilibrium.system.unknowns.initial.vector(line_b.port(float(f))) for f in line_a.fractions
+    ]
     # No farther than an edge of the coarser ring.
     error = np.linalg.norm(a[:, :2] - np.array(there)[:, :2], axis=1).max()
     assert error < 2 * np.pi / 32

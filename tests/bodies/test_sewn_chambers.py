@@ -98,21 +98,21 @@ def test_tangent_of_an_open_seam_with_gas() -> None:
     films, seams = two_squares((3, 4), gap=0.01)
     bag = gx.Chamber(films, gas=AIR, pressure=2e4, temperature=300.0, seams=seams)
     system = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=1e-3)).system
-    y0 = system.begin_step(1e-3)
-    system.set_inertia(0.0)
-    first = system.q0.getOwnershipRange()[0]
-    δ = system.q0.duplicate()
+    y0 = system.equations.begin_step(1e-3)
+    system.equations.set_inertia(0.0)
+    first = system.unknowns.q0.getOwnershipRange()[0]
+    δ = system.unknowns.q0.duplicate()
     # A smooth change that depends on the global number only, so that it is the same on any ranks.
-    δ.array[:] = 1e-2 * np.sin(1.3 * (first + np.arange(system.numbering.size_local)))
+    δ.array[:] = 1e-2 * np.sin(1.3 * (first + np.arange(system.unknowns.numbering.size_local)))
     # Ties that follow from others have multipliers that stay zero.
-    δ.array[system.supports.held] = 0.0
+    δ.array[system.unknowns.supports.held] = 0.0
 
     def residual(step: float):
-        z = system.q0.copy()
+        z = system.unknowns.q0.copy()
         z.axpy(step, δ)
-        system.set_end(z)
+        system.equations.set_end(z)
         r = z.duplicate()
-        system.residual(y0, r)
+        system.equations.residual(y0, r)
         return r
 
     # Central differences with 1e-5 × 1e-2: truncation and round-off are both below 1e-8.
@@ -120,10 +120,10 @@ def test_tangent_of_an_open_seam_with_gas() -> None:
     difference = residual(ε) - residual(-ε)
     difference.scale(1 / (2 * ε))
     residual(0.0)
-    columns, rows, C = system.coupling()
+    columns, rows, C = system.matrices.coupling()
     Hδ = [0.0 if row is None else COMM.allreduce(row @ δ.array_r) for row in rows]
     δy = np.linalg.solve(C, -np.array(Hδ))
-    predicted = system.tangent() * δ
+    predicted = system.matrices.tangent() * δ
     for column, change in zip(columns, δy, strict=True):
         if column is not None:
             predicted.array[:] += change * column

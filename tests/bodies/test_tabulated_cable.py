@@ -93,7 +93,7 @@ def test_a_string_thrown_through_its_corners_conserves(order: int) -> None:
 
 def string_strains(run: gx.Simulation, string: gx.Cable, order: int) -> np.ndarray:
     """Engineering strains of the chords between the nodes."""
-    x = run.system.state[string].gathered()
+    x = run.system.unknowns.state[string].gathered()
     X = np.concatenate(COMM.allgather(own_points(string)))
     walk = np.argsort(X[:, 0])
     chords = np.linalg.norm(np.diff(x[walk], axis=0), axis=1)
@@ -118,7 +118,7 @@ def test_a_pendulum_hangs_at_the_measured_strain() -> None:
     )
     statics = gx.Equilibrium(scene)
     statics.find()
-    height = statics.system.state.vector(mass.port())[2]
+    height = statics.system.unknowns.state.vector(mass.port())[2]
     assert height == pytest.approx(-1 - 0.02 - 10 / 1500, abs=1e-9)
 
 

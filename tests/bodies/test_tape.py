@@ -58,9 +58,9 @@ def test_strip_and_tape_share_the_force(tape, order: int) -> None:
     ]
     statics = at_rest(tape(film), *ends)
     system = statics.system
-    x = system.q0.array_r.reshape(-1, 3)[:, 0]
+    x = system.unknowns.q0.array_r.reshape(-1, 3)[:, 0]
     forces = np.zeros(x.size * 3)
-    forces[system.supports.held] = system.supports.reactions
+    forces[system.unknowns.supports.held] = system.unknowns.supports.reactions
     right = forces.reshape(-1, 3)[x > LENGTH, 0].sum()
     assert abs(right) == pytest.approx(107.5953, rel=2e-3)
 

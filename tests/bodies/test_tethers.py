@@ -27,7 +27,9 @@ def flying(speed: float, **given) -> tuple[gx.Simulation, gx.PointMass]:
 
 
 def length_of(run: gx.Simulation) -> float:
-    return float(next(c for c in run.system.compiled if isinstance(c, PaidOutRopes)).lengths()[0])
+    return float(
+        next(c for c in run.system.equations.compiled if isinstance(c, PaidOutRopes)).lengths()[0]
+    )
 
 
 def test_a_brake_stops_a_mass_as_friction_does() -> None:
@@ -82,7 +84,7 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
 
 def test_the_tangent_of_a_tether_is_the_derivative() -> None:
     run, _ = flying(3.0, length=L, brake_force=BRAKE, total_length=1.5)
-    ropes = next(c for c in run.system.compiled if isinstance(c, PaidOutRopes))
+    ropes = next(c for c in run.system.equations.compiled if isinstance(c, PaidOutRopes))
     δ = 1e-7
     for l0 in (0.9, 1.003, 1.005):
         ropes._start_distance = np.array([l0])

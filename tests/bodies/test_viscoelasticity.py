@@ -144,7 +144,9 @@ def test_a_restart_goes_on_from_the_strains_of_the_branches(comm, make, tmp_path
     second = thrown(make(comm), restart=folder)
     second.run(until=4e-3)
     assert second.totals.losses == pytest.approx(whole.totals.losses, rel=1e-9)
-    assert second.system.q0.array_r == pytest.approx(whole.system.q0.array_r, abs=1e-13)
+    assert second.system.unknowns.q0.array_r == pytest.approx(
+        whole.system.unknowns.q0.array_r, abs=1e-13
+    )
 
 
 def test_at_rest_the_branches_have_relaxed():
@@ -157,7 +159,7 @@ def test_at_rest_the_branches_have_relaxed():
             items.append(gx.loads.Viscoelasticity(pulled, ratios=(2.0,), times=(1.0,)))
         equilibrium = gx.Equilibrium(gx.Scene(*items))
         equilibrium.find()
-        sheets.append(equilibrium.system.q0.array_r.copy())
+        sheets.append(equilibrium.system.unknowns.q0.array_r.copy())
     assert sheets[1] == pytest.approx(sheets[0], abs=1e-12)
 
 
@@ -194,7 +196,7 @@ def test_what_does_not_relax_is_refused(make, words):
 
 def test_a_gradient_is_refused_by_name():
     run = thrown(film(MPI.COMM_WORLD))
-    found = [compiled.without_gradient() for compiled in run.system.differentiable]
+    found = [compiled.without_gradient() for compiled in run.system.equations.differentiable]
     assert any("'viscoelasticity' depends on its history" in words for words in found)
 
 
@@ -326,7 +328,9 @@ def test_taut_film_relaxes_as_if_it_could_not_wrinkle():
             dt=1e-4,
         )
         run.run(until=5e-3)
-        stress = gx.fields.field_values(run, run.system.bodies[0], field="stress1", at="end")[1]
+        stress = gx.fields.field_values(
+            run, run.system.unknowns.bodies[0], field="stress1", at="end"
+        )[1]
         totals = run.totals
         energies.append(
             [totals.losses["viscoelasticity"], totals.stored["viscoelasticity"], stress.max()]

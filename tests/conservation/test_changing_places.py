@@ -31,7 +31,7 @@ def cloud(foresight: float = 1.0, dt: float = 2e-3, **options) -> gx.Simulation:
 
 
 def collisions(run: gx.Simulation) -> Collisions:
-    return next(c for c in run.system.compiled if isinstance(c, Collisions))
+    return next(c for c in run.system.equations.compiled if isinstance(c, Collisions))
 
 
 @pytest.mark.mpi
@@ -57,7 +57,7 @@ def test_pairs_that_were_overlooked_are_found_after_the_step() -> None:
     late.run(until=0.4)
     early.run(until=0.4)
     assert collisions(late).widened > 0 and collisions(early).widened == 0
-    x = [run.system.state.vectors(collisions(run).spheres.ports) for run in (late, early)]
+    x = [run.system.unknowns.state.vectors(collisions(run).spheres.ports) for run in (late, early)]
     error = np.abs(x[0] - x[1]).max()
     # Pairs that are added after a solve lead to the same step, up to Newton's tolerance.
     assert error < 1e-9
@@ -75,7 +75,7 @@ def test_a_step_in_which_spheres_pass_through_each_other_is_refused() -> None:
     b = gx.PointMass(1.0, (0.46, 0.0, 0.0), velocity=(-50.0, 0.0, 0.0), name="b")
     spheres = CollidingSpheres((a.port(), b.port()), 0.1, 1e8)
     run = run_until(3e-2, a, b, spheres, dt=1e-2)
-    x = run.system.state.vectors(spheres.ports)
+    x = run.system.unknowns.state.vectors(spheres.ports)
     assert run.substeps > 0 and x[0, 0] < x[1, 0]
     assert abs(run.energy_error) < 1e-10
 
@@ -86,6 +86,6 @@ def test_a_restart_finds_the_pairs_again(tmp_path: Path) -> None:
     again = cloud(restart=tmp_path / "points")
     again.run(until=0.4)
     whole.run(until=0.4)
-    error = np.abs(whole.system.q0.array_r - again.system.q0.array_r).max()
+    error = np.abs(whole.system.unknowns.q0.array_r - again.system.unknowns.q0.array_r).max()
     # The checkpoint holds coordinates and pairs in full precision.
     assert error < 1e-12

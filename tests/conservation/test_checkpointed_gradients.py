@@ -56,14 +56,14 @@ def test_little_memory_gives_the_same_gradient(comm, make, name, room):
     assert max(used) <= memory
     assert tape.stride > 1
     assert tape.steps == run.step
-    state = run.system.q0.array_r.copy()
+    state = run.system.unknowns.q0.array_r.copy()
     totals = run.totals
     found = gx.analysis.gradient(tape, of=energy, by=[name])[name].values
     scale = comm.allreduce(np.abs(exact).max(initial=0.0), op=MPI.MAX)
     assert np.abs(found - exact).max(initial=0.0) < AGREEMENT * scale
     assert tape.bytes <= memory
     # The run stands where it was, and its totals know nothing of the steps that were made again.
-    assert np.array_equal(run.system.q0.array_r, state)
+    assert np.array_equal(run.system.unknowns.q0.array_r, state)
     assert run.totals.losses == totals.losses
     assert run.totals.supplied == totals.supplied
 
@@ -95,7 +95,7 @@ def test_steps_that_an_event_undid_leave_the_tape(comm, memory):
     """A mass passes x = 0.25 m between two steps: the run goes back and meets the crossing."""
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
     crossing = gx.When(
-        lambda run: run.system.state[mass].positions()[0, 0],
+        lambda run: run.system.unknowns.state[mass].positions()[0, 0],
         # The mass moves at 1 m/s, so the crossing is at t = 0.25 s.
         0.25,
         tolerance=1e-9,

@@ -108,22 +108,22 @@ def test_the_tangent_contains_the_share_of_the_rings(order, block_size, monkeypa
     # Soft, so that the pressure loads and their tangent outweigh the stiffness of the film.
     soft = gx.Linear(E=1e3, nu=0.3, density=1420.0, thickness=25e-6)
     system = compartments(order, cells=4, law=soft).system
-    assert system.A.getBlockSize() == block_size
-    y = system.begin_step(1e-4)
-    system.set_inertia(0.0)
-    start, end = system.q0.getOwnershipRange()
+    assert system.matrices.A.getBlockSize() == block_size
+    y = system.equations.begin_step(1e-4)
+    system.equations.set_inertia(0.0)
+    start, end = system.unknowns.q0.getOwnershipRange()
     direction = np.sin(np.arange(start, end) * 1.7)
     y = np.tile(1e4, len(y))  # pressure loads that outweigh the film
     monkeypatch.setattr(
-        system.scalar_unknowns[0], "_solve_at_iterate", lambda y: y
+        system.equations.scalar_unknowns[0], "_solve_at_iterate", lambda y: y
     )  # the gas would not have them
 
     def forces(step):
-        z = system.q0.copy()
-        r = system.q0.duplicate()
+        z = system.unknowns.q0.copy()
+        r = system.unknowns.q0.duplicate()
         z.array[:] += step * direction
-        system.set_end(z)
-        system.residual(y, r)
+        system.equations.set_end(z)
+        system.equations.residual(y, r)
         return r
 
     # Balances truncation (ε²) and round-off (1e-16/ε) of the central difference.
@@ -131,10 +131,10 @@ def test_the_tangent_contains_the_share_of_the_rings(order, block_size, monkeypa
     difference = forces(ε)
     difference.axpy(-1.0, forces(-ε))
     forces(0.0)
-    δ = system.q0.duplicate()
-    product = system.q0.duplicate()
+    δ = system.unknowns.q0.duplicate()
+    product = system.unknowns.q0.duplicate()
     δ.array[:] = direction
-    system.tangent().mult(δ, product)
+    system.matrices.tangent().mult(δ, product)
     product.axpy(-1 / (2 * ε), difference)
     assert product.norm() < 1e-8 * difference.norm() / (2 * ε)
 
@@ -228,10 +228,10 @@ def test_two_chambers_press_on_the_wall_that_they_share():
     for state in run.chambers.values():
         assert state.volume == pytest.approx(1.0, rel=1e-14)
     system = run.system
-    at_wall = abs(system.q0.array_r.reshape(-1, 3)[:, 0] - 1) < 1e-9
+    at_wall = abs(system.unknowns.q0.array_r.reshape(-1, 3)[:, 0] - 1) < 1e-9
     run.run(until=1e-7)
-    momentum = system.v0.duplicate()
-    system.M.mult(system.v0, momentum)
+    momentum = system.unknowns.v0.duplicate()
+    system.unknowns.M.mult(system.unknowns.v0, momentum)
     of_wall = momentum.array_r.reshape(-1, 3)[at_wall, 0].sum()
     assert of_wall == pytest.approx(600.0 * 1e-7, rel=1e-6)
     assert run.totals.momentum == pytest.approx([0, 0, 0], abs=1e-17)

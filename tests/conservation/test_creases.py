@@ -33,7 +33,9 @@ def strip(
 
 
 def angles(run: gx.Simulation, crease: gx.connectors.Crease) -> np.ndarray:
-    (creases,) = [terms for terms in run.system.compiled if isinstance(terms, CreaseEnergies)]
+    (creases,) = [
+        terms for terms in run.system.equations.compiled if isinstance(terms, CreaseEnergies)
+    ]
     return creases.angles(crease.energy)[0]
 
 
@@ -69,7 +71,9 @@ def test_a_rest_angle_that_yields_dissipates() -> None:
     fling = lambda X: 200.0 * np.stack([s * X[0], 0 * X[0], -c * abs(X[0])])  # noqa: E731
     film, crease = strip(MPI.COMM_SELF, velocity=fling, rest_angle=1.4, yield_angle=0.3)
     run = run_until(2e-3, film, crease, dt=1e-4)
-    (creases,) = [terms for terms in run.system.compiled if isinstance(terms, CreaseEnergies)]
+    (creases,) = [
+        terms for terms in run.system.equations.compiled if isinstance(terms, CreaseEnergies)
+    ]
     θ, rest = creases.angles(crease.energy)
     assert (rest < 1.3).all()
     assert (np.abs(θ - rest) <= 0.3 + 1e-12).all()

@@ -75,7 +75,7 @@ def test_supports_take_momentum_but_do_no_work(comm):
     assert run.totals.energy == pytest.approx(run.first.energy, rel=1e-12)
     owned = film.block.index_map.size_local
     nodes = film.nodes("left")
-    x = run.system.q0.array_r.reshape(-1, 3)[nodes[nodes < owned]]
+    x = run.system.unknowns.q0.array_r.reshape(-1, 3)[nodes[nodes < owned]]
     # Bit by bit: held nodes are not part of the unknowns.
     assert np.array_equal(x, film.space.tabulate_dof_coordinates()[nodes[nodes < owned]])
 

@@ -177,7 +177,9 @@ def test_natural_shape_of_a_balloon_follows_its_differential_equation(comm):
 
 
 def positions(equilibrium, film):
-    return equilibrium.system.q0.array_r[equilibrium.system.block(film).owned].reshape(-1, 3)
+    return equilibrium.system.unknowns.q0.array_r[
+        equilibrium.system.unknowns.block(film).owned
+    ].reshape(-1, 3)
 
 
 def test_gradient_by_the_density_is_that_of_differences(comm):

@@ -243,10 +243,10 @@ def recorded(scene: gx.Scene, h: float, steps: int) -> tuple[gx.Simulation, gx.a
 
 def momenta_at_start(tape: gx.analysis.RunTape, run: gx.Simulation) -> tuple[PETSc.Vec, PETSc.Vec]:
     """v0 of a tape, and M v0, the exact derivative of an energy that is conserved by v0."""
-    velocity = run.system.numbering.vector()
+    velocity = run.system.unknowns.numbering.vector()
     velocity.array[:] = tape.states[0].v
     momenta = velocity.duplicate()
-    run.system.M.mult(velocity, momenta)
+    run.system.unknowns.M.mult(velocity, momenta)
     return velocity, momenta
 
 
@@ -264,23 +264,23 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     if make in (touching, stopping):
         assert run.totals.stored["contact"] > 1e-3 * run.totals.size
     energy = gx.analysis.Energy()
-    names = [f"{body.name}.initial_velocity" for body in system.bodies]
+    names = [f"{body.name}.initial_velocity" for body in system.unknowns.bodies]
     found = gx.analysis.gradient(tape, of=energy, by=names)
     velocity, momenta = momenta_at_start(tape, run)
     exact = momenta.array_r
     largest = comm.allreduce(np.abs(exact).max(initial=0.0), op=MPI.MAX)
     work = 0.0
-    for body, derivative in zip(system.bodies, found, strict=True):
-        owned = system.block(body).owned
+    for body, derivative in zip(system.unknowns.bodies, found, strict=True):
+        owned = system.unknowns.block(body).owned
         work += float(derivative.values @ velocity.array_r[owned])
-        if not system.constraints:
+        if not system.equations.constraints:
             error = np.abs(derivative.values - exact[owned]).max(initial=0.0)
             assert error < CONSERVING[make] * largest, body.name
     work = comm.allreduce(work)
     assert work == pytest.approx(float(momenta.dot(velocity)), rel=CONSERVING[make])
     # The backward pass leaves the run where it was.
     assert energy(run) == found.value
-    assert np.array_equal(system.q0.array_r, tape.states[-1].q)
+    assert np.array_equal(system.unknowns.q0.array_r, tape.states[-1].q)
 
 
 # ---- parameters ----------------------------------------------------------------------------------
@@ -494,8 +494,8 @@ def fresh(make, names: list[str]) -> tuple[gx.Simulation, list[Variable], float]
 
 def result_of(run: gx.Simulation) -> Callable[[gx.Simulation], float]:
     """A sum of weighted positions of the first body: the same function in each run."""
-    body = run.system.bodies[0]
-    start = np.array(run.system.initial[body].positions())
+    body = run.system.unknowns.bodies[0]
+    start = np.array(run.system.unknowns.initial[body].positions())
     # Weights without symmetry, so that no part of the gradient cancels.
     weights = np.sin(5 * start + 1.0)
     # Only the position of a body with directors counts.
@@ -503,7 +503,7 @@ def result_of(run: gx.Simulation) -> Callable[[gx.Simulation], float]:
         weights = np.hstack([weights, np.zeros((len(weights), body.block.size - 3))])
 
     def value(run) -> float:
-        coordinates = run.system.state[body].coordinates().reshape(weights.shape)
+        coordinates = run.system.unknowns.state[body].coordinates().reshape(weights.shape)
         return float(run.system.comm.allreduce(np.sum(weights * coordinates)))
 
     return gx.analysis.Functional(value, lambda run: {body: weights}, unit="m")
@@ -569,26 +569,26 @@ def test_remainders_are_of_second_order(make, name):
     def at(δ: float) -> float:
         run, [variable], until = fresh(make, [name])
         if name.endswith(("initial_velocity", "initial_position")):
-            body = next(b for b in run.system.bodies if name.startswith(b.name + "."))
+            body = next(b for b in run.system.unknowns.bodies if name.startswith(b.name + "."))
             system = run.system
-            vector = system.v0 if name.endswith("velocity") else system.q0
-            vector.array[system.block(body).owned] += δ * change
-            vector.array[system.supports.held] -= (
-                δ * _scattered(system, body, change)[system.supports.held]
+            vector = system.unknowns.v0 if name.endswith("velocity") else system.unknowns.q0
+            vector.array[system.unknowns.block(body).owned] += δ * change
+            vector.array[system.unknowns.supports.held] -= (
+                δ * _scattered(system, body, change)[system.unknowns.supports.held]
             )
-            if vector is system.q0:
-                system.q0.copy(system.previous)
+            if vector is system.unknowns.q0:
+                system.unknowns.q0.copy(system.unknowns.previous)
                 system.restart()
         elif name in ("a.velocity", "a.spin"):
-            body = next(b for b in run.system.bodies if b.name == "a")
-            owned = run.system.block(body).owned
-            start = run.system.q0.array_r[owned].reshape(-1, 4, 3)
+            body = next(b for b in run.system.unknowns.bodies if b.name == "a")
+            owned = run.system.unknowns.block(body).owned
+            start = run.system.unknowns.q0.array_r[owned].reshape(-1, 4, 3)
             rates = np.zeros_like(start)
             if name == "a.spin":
                 rates[:, 1:] = np.cross(δ * change, start[:, 1:])
             else:
                 rates[:, 0] = δ * change
-            run.system.v0.array[owned] += rates.ravel()
+            run.system.unknowns.v0.array[owned] += rates.ravel()
         else:
             variable.set(variable.get() + δ * change)
             run.system.parameters_changed()
@@ -608,8 +608,8 @@ def test_remainders_are_of_second_order(make, name):
 
 
 def _scattered(system, body, values: np.ndarray) -> np.ndarray:
-    found = np.zeros(system.numbering.size_local)
-    found[system.block(body).owned] = values
+    found = np.zeros(system.unknowns.numbering.size_local)
+    found[system.unknowns.block(body).owned] = values
     return found
 
 
@@ -629,28 +629,28 @@ def test_products_of_adjoint_and_tangent_linear_step(comm, make):
     solves."""
     run, tape = recorded(*make(comm))
     system = run.system
-    steps = TransientGradients(tape, [f"{system.bodies[0].name}.initial_velocity"]).steps
+    steps = TransientGradients(tape, [f"{system.unknowns.bodies[0].name}.initial_velocity"]).steps
     # A step in the middle of the run, where film wrinkles or contact acts.
     k = len(tape.states) // 3
     first, last = tape.states[k - 1 : k + 1]
-    a, b, δq0, δv0 = (_random(system.numbering.vector(), seed) for seed in range(4))
+    a, b, δq0, δv0 = (_random(system.unknowns.numbering.vector(), seed) for seed in range(4))
     # The start does not contain fixed coordinates and multipliers.
     for vector in (a, b, δq0, δv0):
         steps.clear(vector)
     # 2/h² is the weight of the mass matrix in the step of the midpoint rule.
     h = last.h
     c = 2 / last.h**2
-    δq1, right_side, product = (system.numbering.vector() for _ in range(3))
+    δq1, right_side, product = (system.unknowns.numbering.vector() for _ in range(3))
 
     steps.repeat(first, last)
-    A = system.tangent().copy()
+    A = system.matrices.tangent().copy()
     of_irreversible = _irreversible_product(system, δq0, δv0)
     steps.reverse(first, last)
-    B = system.tangent()
+    B = system.matrices.tangent()
     # A δq1 = c M (δq0 + h δv0) - B δq0 - S,    δv1 = 2 (δq1 - δq0)/h - δv0,
     # S of forces that the reversed step leaves out.
     product.waxpy(h, δv0, δq0)
-    system.M.mult(product, right_side)
+    system.unknowns.M.mult(product, right_side)
     right_side.scale(c)
     B.mult(δq0, product)
     right_side.axpy(-1.0, product)
@@ -686,8 +686,8 @@ def test_products_of_adjoint_and_tangent_linear_step(comm, make):
 
 def _irreversible_product(system, δq0: PETSc.Vec, δv0: PETSc.Vec) -> PETSc.Vec:
     """∂f/∂q0 δq0 + ∂f/∂v0 δv0 of forces that differ in the reversed step, entry by entry."""
-    found, unit, by_position, by_velocity = (system.numbering.vector() for _ in range(4))
-    kinds = [kind for kind in system.differentiable if not kind.reversible]
+    found, unit, by_position, by_velocity = (system.unknowns.numbering.vector() for _ in range(4))
+    kinds = [kind for kind in system.equations.differentiable if not kind.reversible]
     if not kinds:
         return found
     first, last = found.getOwnershipRange()

@@ -135,16 +135,16 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     """
     run, tape = recorded(make, comm)
     system = run.system
-    film = system.bodies[0]
+    film = system.unknowns.bodies[0]
     names = [f"{film.name}.initial_velocity", f"{film.name}.initial_position", "tank.pressure"]
     names += ["tank.volume", "inlet.area", "tank.temperature"]
     found = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=names)
     tape.restore(tape.states[0])
-    owned = system.block(film).owned
-    momenta = system.numbering.vector()
-    system.M.mult(system.v0, momenta)
-    by_position = system.stored_forces().array_r.copy()
-    for gas in system.scalar_unknowns[0].states().values():
+    owned = system.unknowns.block(film).owned
+    momenta = system.unknowns.numbering.vector()
+    system.unknowns.M.mult(system.unknowns.v0, momenta)
+    by_position = system.equations.stored_forces().array_r.copy()
+    for gas in system.equations.scalar_unknowns[0].states().values():
         if gas.enclosure is not None:
             by_position += gas.pressure / (NITROGEN.gamma - 1) * gas.enclosure.of_volume
     for name, exact in zip(names, (momenta.array_r, by_position), strict=False):
@@ -226,7 +226,7 @@ def test_the_time_at_which_a_pressure_is_reached_has_a_derivative(comm):
     run, tape = recorded(airbag_from_a_tank, comm)
     reached = gx.analysis.CrossingTime(pressure_of(run, "bag"), 1200.0)
     found = gx.analysis.gradient(tape, of=reached, by=["inlet.area", "film.thickness"])
-    assert 0 < found.value < run.system.time
+    assert 0 < found.value < run.system.unknowns.time
     # 1e-4 of the area: truncation 1e-8, round-off far below.
     δ = 1e-4 * 5e-5
     times = []

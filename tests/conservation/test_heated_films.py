@@ -154,7 +154,7 @@ def test_generalized_alpha_follows_the_same_motion(comm) -> None:
         held = gx.Fixed(film, "left")
         run = gx.Simulation(gx.Scene(film, held), stepper)
         run.run(until=0.02)
-        return run.system.q0.array_r.copy()
+        return run.system.unknowns.q0.array_r.copy()
 
     differences = []
     for dt in (1e-4, 5e-5):

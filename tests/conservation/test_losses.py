@@ -89,7 +89,7 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     assert lost["reel"] == pytest.approx(MASS * SPEED**2 / 2 - elastic, rel=1e-3)
     # the other mass flies back when its rope is slack again
     v = gx.probes.Velocity(
-        next(body for body in run.system.bodies if body.name == "at rope").port(), "y"
+        next(body for body in run.system.unknowns.bodies if body.name == "at rope").port(), "y"
     )(run)
     assert -0.1 < v < 0 and lost["rope damping"] == pytest.approx(
         MASS * (0.1**2 - v**2) / 2, rel=1e-10
@@ -126,7 +126,7 @@ def test_a_step_that_is_made_anew_loses_once() -> None:
     after = dict(run.totals.losses)
     assert after["reel"] > before["reel"] and after["air"] > before["air"]
     run.history.rollback()
-    assert run.system.totals().losses == before
+    assert run.system.balance.totals().losses == before
 
 
 @pytest.mark.mpi

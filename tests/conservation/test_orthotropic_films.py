@@ -73,8 +73,8 @@ def test_iterations_are_those_of_an_isotropic_film() -> None:
 def test_equal_stiffness_in_all_directions_moves_as_a_tension_field() -> None:
     found = free_sheet(MPI.COMM_SELF, LAWS["1:1"], steps=10)
     expected = free_sheet(MPI.COMM_SELF, ISOTROPIC, steps=10)
-    x = found.system.q0.array_r
-    error = abs(x - expected.system.q0.array_r).max()
+    x = found.system.unknowns.q0.array_r
+    error = abs(x - expected.system.unknowns.q0.array_r).max()
     # Another code path for the same law, over ten steps that amplify round-off.
     assert error <= 1e-8
     assert found.totals.kinetic == pytest.approx(expected.totals.kinetic, rel=1e-9)

@@ -99,7 +99,7 @@ def test_a_tape_spring_snaps_and_keeps_its_energy(comm):
     at_rest = 4 * tape_spring.RADIUS**2 * math.sin(tape_spring.ANGLE / 2) ** 2
     run.run(until=5e-4)
     X = tape.space.tabulate_dof_coordinates()
-    y = run.system.q0.array_r.reshape(-1, 3)
+    y = run.system.unknowns.q0.array_r.reshape(-1, 3)
     corners = [
         y[k]
         for k in range(len(y))

@@ -37,7 +37,7 @@ def filling(comm: MPI.Intracomm) -> gx.Scene:
 
 def positions_by_node(run: gx.Simulation) -> dict[int, np.ndarray]:
     """Positions of the owned nodes by their number in the mesh file."""
-    film = next(body for body in run.system.bodies if isinstance(body, gx.Membrane))
+    film = next(body for body in run.system.unknowns.bodies if isinstance(body, gx.Membrane))
     domain = film.mesh.domain
     owned = film.block.index_map.size_local
     number = np.zeros(owned + film.block.index_map.num_ghosts, dtype=np.int64)
@@ -45,7 +45,11 @@ def positions_by_node(run: gx.Simulation) -> dict[int, np.ndarray]:
         geometry_nodes(domain).ravel()
     ]
     return dict(
-        zip(number[:owned].tolist(), run.system.q0.array_r.reshape(-1, 3)[:owned], strict=True)
+        zip(
+            number[:owned].tolist(),
+            run.system.unknowns.q0.array_r.reshape(-1, 3)[:owned],
+            strict=True,
+        )
     )
 
 

@@ -114,7 +114,7 @@ def test_second_order() -> None:
         scene = gx.Scene(mass, spring, damper, gx.Gravity(mass, (0.0, -9.81, 0.0)))
         run = gx.Simulation(scene, VariationalMidpoint(dt=h))
         run.run(until=1.0)
-        return run.system.q0.array_r.copy()
+        return run.system.unknowns.q0.array_r.copy()
 
     steps = (2e-2, 5e-3)
     exact = position(steps[-1] / 8)
@@ -131,10 +131,10 @@ def test_three_positions_satisfy_the_discrete_euler_lagrange_equations() -> None
         mass.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=k, length=length
     )
     run = gx.Simulation(gx.Scene(mass, spring), VariationalMidpoint(dt=h, tolerances=TIGHT))
-    path = [run.system.q0.array_r.copy()]
+    path = [run.system.unknowns.q0.array_r.copy()]
     for step in (1, 2):
         run.run(until=step * h)
-        path.append(run.system.q0.array_r.copy())
+        path.append(run.system.unknowns.q0.array_r.copy())
 
     def lagrangian(start: np.ndarray, end: np.ndarray) -> complex:
         middle = (start + end) / 2
@@ -188,17 +188,17 @@ def moved(scene: gx.Scene, rule: object, share: float) -> tuple[System, PETSc.Ve
     """A compiled scene in a step whose end is a share of one and the same motion away from its
     start, and its residual without inertia."""
     system = scene.compile(rule)
-    system.set_inertia(0.0)
-    y = system.begin_step(1e-3)
-    w = system.numbering.vector()
-    system.predict(w)
-    own = system.q0.array_r[: 3 * len(system.position_marks)].reshape(-1, 3)
+    system.equations.set_inertia(0.0)
+    y = system.equations.begin_step(1e-3)
+    w = system.unknowns.numbering.vector()
+    system.equations.predict(w)
+    own = system.unknowns.q0.array_r[: 3 * len(system.unknowns.position_marks)].reshape(-1, 3)
     turned = own @ np.random.default_rng(1).standard_normal((3, 3)) + 1.0
     with w as values:
         values[: own.size] = share * 3e-3 * np.sin(20 * turned).ravel()
-    system.set_increment(w, None)
-    r = system.numbering.vector()
-    system.residual(y, r)
+    system.equations.set_increment(w, None)
+    r = system.unknowns.numbering.vector()
+    system.equations.residual(y, r)
     return system, r
 
 

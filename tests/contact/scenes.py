@@ -105,7 +105,7 @@ def obstacle_of(kind: str, block: gx.RigidBody, **given) -> Obstacle:
 
 def contact_set_of(run) -> ContactSet:
     """Return the only contact of a run."""
-    (contact_set,) = (c for c in run.system.compiled if isinstance(c, ContactSet))
+    (contact_set,) = (c for c in run.system.equations.compiled if isinstance(c, ContactSet))
     return contact_set
 
 
@@ -113,7 +113,7 @@ def count_intersections(run) -> int:
     """Return how many pairs of an edge and a triangle intersect, over all ranks."""
     contact_set = contact_set_of(run)
     mesh = contact_set.mesh
-    x = contact_set.points.at(run.system.q0, run.system.time)
+    x = contact_set.points.at(run.system.unknowns.q0, run.system.unknowns.time)
     found = find_intersections(mesh.surface, x, mesh.own_edges)
     return run.system.comm.allreduce(len(found))
 

@@ -62,19 +62,19 @@ def touching(comm, body: str) -> gx.Simulation:
 def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     run = touching(comm, body)
     system = run.system
-    numbering = system.numbering
-    contacts = system.active_sets[0]
-    held = system.supports.held
-    system.begin_step(1e-4)
+    numbering = system.unknowns.numbering
+    contacts = system.equations.active_sets[0]
+    held = system.unknowns.supports.held
+    system.equations.begin_step(1e-4)
     q, z, end = (numbering.vector() for _ in range(3))
-    q.waxpy(1e-4, system.v0, system.q0)
+    q.waxpy(1e-4, system.unknowns.v0, system.unknowns.q0)
     z.array[:] = np.random.default_rng(comm.rank).normal(size=numbering.size_local)
     # Fixed degrees of freedom do not move.
     z.array[held] = 0
 
     def forces(step: float):
         end.waxpy(step, z, q)
-        system.set_end(end)
+        system.equations.set_end(end)
         r = numbering.vector()
         contacts.add_forces(r)
         r.array[held] = 0
@@ -92,7 +92,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     A = numbering.matrix()
     contacts.add_tangents(A)
     A.assemble()
-    system.supports.clear(A, 0.0)
+    system.unknowns.supports.clear(A, 0.0)
     tangent = Tangent(A, [contacts])
     tangent.fetch_couplings()
     of_sum, of_whole, of_factorised, of_strong = (numbering.vector() for _ in range(4))
@@ -151,11 +151,11 @@ def test_a_sum_of_blocks_keeps_its_pattern_until_it_lacks_a_block() -> None:
 
 def test_strong_couplings_are_some_of_all_whichever_is_asked_for_first() -> None:
     system = touching(MPI.COMM_SELF, "").system
-    contacts = system.active_sets[0]
-    system.begin_step(1e-4)
-    system.set_end(system.q0)
-    contacts.add_forces(system.numbering.vector())
-    A = system.numbering.matrix()
+    contacts = system.equations.active_sets[0]
+    system.equations.begin_step(1e-4)
+    system.equations.set_end(system.unknowns.q0)
+    contacts.add_forces(system.unknowns.numbering.vector())
+    A = system.unknowns.numbering.matrix()
     contacts.add_tangents(A)
     A.assemble()
     (strong,) = contacts.coupling_matrices(A.getDiagonal())
@@ -172,7 +172,7 @@ def dense(matrix: PETSc.Mat) -> np.ndarray:
 @pytest.mark.mpi
 def test_the_matrix_of_the_films_keeps_its_pattern(comm) -> None:
     run = touching(comm, "")
-    entries = run.system.A.getInfo()["nz_used"]
+    entries = run.system.matrices.A.getInfo()["nz_used"]
     run.run(until=1.2e-3)
-    assert run.system.A.getInfo()["nz_used"] == entries
-    assert run.system.M.getInfo()["nz_used"] == entries
+    assert run.system.matrices.A.getInfo()["nz_used"] == entries
+    assert run.system.unknowns.M.getInfo()["nz_used"] == entries

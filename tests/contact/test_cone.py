@@ -355,7 +355,7 @@ def test_nothing_passes_through_in_long_steps(dt: float) -> None:
     run = simulate([contact], 4e-3, dt=dt)
     assert gx.probes.ContactGap(contact)(run) > 0
     # The ends have gone past the needle, the middle has not.
-    y = run.system.state[rope].positions()[:, 1]
+    y = run.system.unknowns.state[rope].positions()[:, 1]
     assert y.min() < -0.02
     assert y.max() > 0.002
     assert abs(run.energy_error) < 1e-8

@@ -215,9 +215,9 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     assert np.allclose(seen["down"], -seen["up"], atol=1e-12)
     # Impulse: sum of the force times the step of 1e-4 s.
     impulse = 1e-4 * np.sum(seen["up"])
-    owned = run.system.state[upper].owned
-    P = run.system.numbering.vector()
-    run.system.M.mult(run.system.v0, P)
+    owned = run.system.unknowns.state[upper].owned
+    P = run.system.unknowns.numbering.vector()
+    run.system.unknowns.M.mult(run.system.unknowns.v0, P)
     momentum = comm.allreduce(P.array_r[owned][2::3].sum())
     # Momentum gained from -2 m/s × 0.14 kg/m² × 0.01 m².
     assert impulse == pytest.approx(momentum + 2.0 * 0.14 * 0.01, rel=1e-9)

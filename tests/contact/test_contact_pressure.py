@@ -103,7 +103,7 @@ def test_the_gap_of_a_curved_film_is_none_that_it_does_not_have(comm) -> None:
     run = gx.Simulation(gx.Scene(ball, contact), gx.Midpoint(dt=1e-6))
     run.run(until=1e-6)
     normal = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
-    x = run.system.state[ball].function().x.array.reshape(-1, 3)
+    x = run.system.unknowns.state[ball].function().x.array.reshape(-1, 3)
     cells = ball.space.dofmap.list
     element = basix.create_element(basix.ElementFamily.P, basix.CellType.triangle, 2)
     lattice = basix.create_lattice(basix.CellType.triangle, 12, basix.LatticeType.equispaced, True)

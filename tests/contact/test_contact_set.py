@@ -25,12 +25,12 @@ def test_updates_go_no_farther_than_contact_can_follow(comm):
     system = run.system
     # Updates larger than contact can follow, on average five activation distances.
     update = np.random.default_rng(comm.rank).normal(
-        0.0, 5e-3, system.numbering.vector().getLocalSize()
+        0.0, 5e-3, system.unknowns.numbering.vector().getLocalSize()
     )
     given = update.copy()
-    system.limit_update(update)
-    for k, body in enumerate(system.bodies):
-        owned = system.numbering.owned(k)
+    system.equations.limit_update(update)
+    for k, body in enumerate(system.unknowns.bodies):
+        owned = system.unknowns.numbering.owned(k)
         before = given[owned].reshape(-1, 3)
         after = update[owned].reshape(-1, 3)
         ways = np.linalg.norm(before, axis=1)
@@ -41,7 +41,7 @@ def test_updates_go_no_farther_than_contact_can_follow(comm):
 
 def test_a_scene_without_contact_limits_nothing(comm):
     run = gx.Simulation(gx.Scene(film(comm)), gx.Midpoint(dt=1e-4))
-    assert not run.system.active_sets
+    assert not run.system.equations.active_sets
 
 
 def test_tangents_have_their_geometric_stiffness_near_the_solution():
@@ -52,13 +52,15 @@ def test_tangents_have_their_geometric_stiffness_near_the_solution():
     run.solver.set_history({"care": 20})
     newton = run.solver.newton
     shares = []
-    tangent = run.system.tangent
+    tangent = run.system.matrices.tangent
 
     def seen():
-        shares.append((run.system.geometric, newton._r.norm() / newton.convergence.reference))
+        shares.append(
+            (run.system.unknowns.geometric, newton._r.norm() / newton.convergence.reference)
+        )
         return tangent()
 
-    newton._tangent = run.system.tangent = seen  # new matrices take the second
+    newton._tangent = run.system.matrices.tangent = seen  # new matrices take the second
     run.run(until=4e-4)
     assert {share for share, _ in shares} == {0.0, 1.0}
     assert all((share == 0.0) == (residual > COMPLETE_TANGENT_RATIO) for share, residual in shares)
@@ -87,8 +89,8 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     # The first residual is far above the reference, and must not become the reference.
     assert max(forces / reference for forces, reference in first) > 100
     system = run.system
-    momentum = system.numbering.vector()
-    system.M.mult(system.v0, momentum)
+    momentum = system.unknowns.numbering.vector()
+    system.unknowns.M.mult(system.unknowns.v0, momentum)
     assert (
         newton.convergence.reference < 2.1 / 1e-4 * momentum.norm()
     )  # 2 M v/h; the speeds hardly change in a step
@@ -106,17 +108,18 @@ def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words)
     films = [film(comm, n=2, name="lower"), film(comm, n=2, height=1.2 * d, turn=0.4, name="upper")]
     run = simulate([*films, gx.Contact(*films, distance=d)], 1e-6, dt=1e-6)
     system = run.system
-    system.begin_step(1e-6)
-    system.q0.copy(system.q1)
-    with system.q1 as values:
-        values[system.numbering.owned(1)].reshape(-1, 3)[:, 2] -= (1.2 - gap) * d
-    system.extend_active_set()
-    assert words in system.inadmissible() and bool(words) == bool(system.inadmissible())
+    system.equations.begin_step(1e-6)
+    system.unknowns.q0.copy(system.unknowns.q1)
+    with system.unknowns.q1 as values:
+        values[system.unknowns.numbering.owned(1)].reshape(-1, 3)[:, 2] -= (1.2 - gap) * d
+    system.equations.extend_active_set()
+    problem = system.equations.inadmissible()
+    assert words in problem and bool(words) == bool(problem)
 
 
 def test_results_of_a_step_are_not_those_of_its_next_iterate() -> None:
     run = simulate([gx.Contact(*two_films(MPI.COMM_SELF, height=1.2e-3), distance=1e-3)], 3e-4)
-    run.system.begin_step(1e-4)
+    run.system.equations.begin_step(1e-4)
     step = contact_set_of(run).step
     ends = [step.x0 + s * np.random.default_rng(1).normal(size=step.x0.shape) for s in (0, 1e-5)]
     first, second = (step.forces(x1) for x1 in ends)

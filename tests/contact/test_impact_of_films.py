@@ -83,9 +83,9 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     # 5 %: the number of steps in contact is an integer near 60.
     assert touching * dt == pytest.approx(time, rel=0.05)
     assert d - min(seen["gap"]) == pytest.approx(depth, rel=0.05)
-    P = run.system.numbering.vector()
-    run.system.M.mult(run.system.v0, P)
-    owned = run.system.state[base].owned
+    P = run.system.unknowns.numbering.vector()
+    run.system.unknowns.M.mult(run.system.unknowns.v0, P)
+    owned = run.system.unknowns.state[base].owned
     # Equal masses exchange their velocities; a film that vibrates keeps a few per cent.
     assert P.array_r[owned][2::3].sum() == pytest.approx(run.first.momentum[2], rel=0.03)
 

@@ -104,7 +104,7 @@ def test_a_plane_that_comes_and_goes_within_a_step_is_noticed():
 
     contact = with_moved_plane(MPI.COMM_SELF, motion)
     run = simulate([contact], until=period, dt=period, halvings=12)
-    film_height = run.system.state[contact.bodies[0]].positions()[:, 2]
+    film_height = run.system.unknowns.state[contact.bodies[0]].positions()[:, 2]
     # The film was pushed up by nearly the height of the plane.
     assert film_height.min() > height - 0.01
     # A free film that is hit gets the work as kinetic energy; the rest is strain.
@@ -124,7 +124,7 @@ def test_a_thin_box_at_100_metres_per_second_does_not_pass_in_one_step():
     )
     sail = film(MPI.COMM_SELF)
     run = simulate([gx.Contact(sail, box, distance=DISTANCE)], until=step, dt=step, halvings=12)
-    height = run.system.state[sail].positions()[:, 2]
+    height = run.system.unknowns.state[sail].positions()[:, 2]
     assert height.min() > speed * step / 2
     # The film leaves the box in the steps after that of the impact.
     run.run(until=4 * step)
@@ -167,7 +167,7 @@ def test_a_film_that_turns_through_another_in_one_step_is_noticed(comm, kind):
     run = simulate([contact], until=5e-3, dt=5e-3, halvings=10)
     assert run.substeps > 0
     if kind == "film":
-        speed = np.abs(run.system.state[hit].velocities()).max(initial=0.0)
+        speed = np.abs(run.system.unknowns.state[hit].velocities()).max(initial=0.0)
         # The film that was hit moves at a good part of the 50 m/s of the turning edge.
         assert comm.allreduce(float(speed), MPI.MAX) > 10.0
     else:
@@ -196,7 +196,7 @@ def test_an_obstacle_that_turns_through_a_film_with_its_body_is_noticed():
     step = math.pi / spin
     run = simulate([gx.Contact(sail, ball, distance=DISTANCE)], until=step, dt=step, halvings=12)
     assert run.substeps > 0
-    height = run.system.state[sail].positions()[:, 2]
+    height = run.system.unknowns.state[sail].positions()[:, 2]
     # The ball has pushed the film down at the lowest point of its circle.
     assert height.min() < -1e-3
     assert abs(run.energy_error) < 1e-9

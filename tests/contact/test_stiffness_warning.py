@@ -45,7 +45,7 @@ def test_a_stiffness_that_a_parameter_has_changed_is_the_one_that_is_reported(ca
     contact = gx.Contact(film(COMM, 1, velocity=(0, 0, -2.0)), floor, distance=1e-3, stiffness=1e9)
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
     with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
-        (compiled,) = run.system.active_sets
+        (compiled,) = run.system.equations.active_sets
         (parameter,) = [one for one in contact._parameters() if one.name == "stiffness"]
         compiled.set_number(compiled._term, str(parameter.source), np.array([2e5]))
         run.run(until=3e-4)

@@ -48,7 +48,7 @@ def inflate(cells: int, until: float) -> dict[str, float]:
         # Three equal values of each cell
         stresses.append(σ1.reshape(-1, 3)[at_M].mean())
 
-    u = run.system.q0.array_r.reshape(-1, 3) - X
+    u = run.system.unknowns.q0.array_r.reshape(-1, 3) - X
     return {
         "w_M": float(u[M, 2]),
         "u_A": math.hypot(*u[A, :2]),

@@ -36,7 +36,7 @@ def balloon(dt: float, times, comm: MPI.Comm, cells: int = 10) -> tuple[np.ndarr
     found = []
     for t in times:
         run.run(until=t)
-        r = np.linalg.norm(run.system.q0.array_r.reshape(-1, 3), axis=1)
+        r = np.linalg.norm(run.system.unknowns.q0.array_r.reshape(-1, 3), axis=1)
         radius = comm.allreduce(r.sum()) / comm.allreduce(len(r))
         state = run.chamber("chamber")
         found.append(

@@ -176,7 +176,8 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
         run.run(until=t)
         state = run.chamber("chamber")
         x, v = (
-            run.comm.allreduce(float(q.array_r[:1].sum())) for q in (run.system.q0, run.system.v0)
+            run.comm.allreduce(float(q.array_r[:1].sum()))
+            for q in (run.system.unknowns.q0, run.system.unknowns.v0)
         )
         found.append((x, v, state.pressure, state.temperature, state.mass))
     return np.array(found), run

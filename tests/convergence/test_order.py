@@ -23,7 +23,7 @@ def drum(
     held."""
     run = gx.Simulation(taut_sheet(MPI.COMM_SELF, law, order, n), gx.Midpoint(dt=dt))
     run.run(until=UNTIL)
-    return np.array([run.system.q0.array_r, run.system.v0.array_r]), run
+    return np.array([run.system.unknowns.q0.array_r, run.system.unknowns.v0.array_r]), run
 
 
 @pytest.mark.parametrize(

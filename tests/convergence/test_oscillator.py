@@ -24,7 +24,7 @@ def oscillator(h: float, steps: int) -> tuple[np.ndarray, np.ndarray, gx.Simulat
     history = []
     for step in range(1, steps + 1):
         run.run(until=step * h)
-        history.append((run.system.q0.array_r[0], run.system.v0.array_r[0]))
+        history.append((run.system.unknowns.q0.array_r[0], run.system.unknowns.v0.array_r[0]))
     x, v = np.array(history).T
     return x, v, run
 
@@ -67,7 +67,7 @@ def test_free_masses_fly_straight_in_one_iteration_at_most():
         for m in (1.0, 3.0)
     ]
     run = run_until(50.0, *masses, dt=0.5)
-    x = run.system.q0.array_r.reshape(-1, 3)
+    x = run.system.unknowns.q0.array_r.reshape(-1, 3)
     # x + v t with t = 50 s.
     assert x == pytest.approx(np.array([(1.0, 50.0, -49.0), (3.0, 150.0, -49.0)]), rel=1e-12)
     assert run.iterations <= run.step
@@ -81,6 +81,6 @@ def test_fall_is_exact_whatever_the_step():
     run = run_until(10.0, mass, gx.Gravity(mass), dt=0.7)
     # z = v t - g t²/2 at 10 s; the last step is shortened to end there.
     z = 30.0 - 9.80665 * 50.0
-    assert run.system.q0.array_r == pytest.approx([10.0, 0.0, z], rel=1e-12)
+    assert run.system.unknowns.q0.array_r == pytest.approx([10.0, 0.0, z], rel=1e-12)
     assert run.totals.supplied == pytest.approx(-2.0 * 9.80665 * z, rel=1e-12)
     assert abs(run.energy_error) <= 1e-14

@@ -176,8 +176,8 @@ def test_a_damped_swing_is_fitted() -> None:
 
 def test_the_steady_sail_is_found_from_far_out_of_its_plane(comm) -> None:
     flat, bent = (ikaros.steady(comm, bent=out)[0] for out in (0.0, 0.3))
-    film = next(body for body in flat.system.bodies if body.name == "sail")
-    other = next(body for body in bent.system.bodies if body.name == "sail")
+    film = next(body for body in flat.system.unknowns.bodies if body.name == "sail")
+    other = next(body for body in bent.system.unknowns.bodies if body.name == "sail")
     error = np.abs(gx.fields.positions(flat, film) - gx.fields.positions(bent, other)).max(
         initial=0.0
     )

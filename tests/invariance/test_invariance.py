@@ -90,10 +90,10 @@ def results(
     displacements, velocities = [], []
     for name in names:
         port = made.ports[name]
-        now = at.written_point(system.state.vector(port))
-        displacements.append(now - at.written_point(system.initial.vector(port)))
-        velocities.append(at.written_vector(system.state.rate(port), "m/s"))
-    totals = system.totals()
+        now = at.written_point(system.unknowns.state.vector(port))
+        displacements.append(now - at.written_point(system.unknowns.initial.vector(port)))
+        velocities.append(at.written_vector(system.unknowns.state.rate(port), "m/s"))
+    totals = system.balance.totals()
     # Potentials of loads count from the origin.
     stored = sum(energy for name, energy in totals.stored.items() if "gravity" not in name)
     energies = [totals.kinetic, stored, totals.dissipated]

@@ -59,7 +59,7 @@ def test_a_body_that_touches_nothing_changes_nothing(kind: Kind) -> None:
     alone = written(kind)
     for k, name in enumerate(sorted(made.ports)):
         port = made.ports[name]
-        moved = system.state.vector(port) - system.initial.vector(port)
+        moved = system.unknowns.state.vector(port) - system.unknowns.initial.vector(port)
         size = np.abs(alone.displacements).max() or 1.0
         # The far coordinates have a larger round-off.
         assert np.abs(moved - alone.displacements[k]).max() < 1e3 * kind.tolerance * size
@@ -98,7 +98,7 @@ def test_every_derivative_agrees_with_differences_or_is_refused(kind: Kind) -> N
     results = [gx.analysis.Energy(), gx.probes.Position(point, "z")]
     names = [
         f"{item.name}.{what}"
-        for item in system.items
+        for item in system.unknowns.items
         if hasattr(item, "name")
         for what in _names_of(system, item, False, ())
         if what != "shape"
@@ -118,12 +118,12 @@ def test_every_derivative_agrees_with_differences_or_is_refused(kind: Kind) -> N
         ends = []
         for side in (1, -1):
             variable.set(given * (1 + side * STEP))
-            for compiled in system.differentiable:
+            for compiled in system.equations.differentiable:
                 compiled.parameters_changed()
             equilibrium.find(progress=False)
             ends.append([one(equilibrium) for one in results])
         variable.set(given)
-        for compiled in system.differentiable:
+        for compiled in system.equations.differentiable:
             compiled.parameters_changed()
         equilibrium.find(progress=False)
         for derivative, up, down in zip(found, *ends, strict=True):
@@ -164,7 +164,7 @@ def pendulum_end(stepper: object, damping: float) -> np.ndarray:
         items.append(gx.connectors.Damper(mass.port(), top, damping=damping))
     run = gx.Simulation(gx.Scene(*items), stepper)
     run.run(until=0.5)
-    return np.array(run.system.state.vector(mass.port()))
+    return np.array(run.system.unknowns.state.vector(mass.port()))
 
 
 def exact_end(damping: float) -> np.ndarray:

@@ -81,7 +81,9 @@ def test_more_elements_of_a_straight_line_change_nothing(make):
         result = equilibrium.find(progress=False)
         assert result.regular and result.unstable == 0 and result.free == ()
         system = equilibrium.system
-        displacements.append(system.state.vector(port) - system.initial.vector(port))
+        displacements.append(
+            system.unknowns.state.vector(port) - system.unknowns.initial.vector(port)
+        )
         # Along the displacement: pulled beams are not cubic lines across it.
         along = tuple(displacements[0] / np.linalg.norm(displacements[0]))
         stiffnesses.append(gx.analysis.point_stiffness(equilibrium, port, direction=along))

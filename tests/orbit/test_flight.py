@@ -29,10 +29,10 @@ def state(
     run: gx.Simulation, orbit: Orbit, body: gx.RigidBody | gx.PointMass
 ) -> tuple[np.ndarray, np.ndarray]:
     """Position and velocity of a body, seen from the Earth's centre."""
-    origin = orbit.flight(run.system).origin
+    origin = orbit.flight(run.system.unknowns).origin
     port = body.port()
-    x = run.system.state.vector(port)
-    v = run.system.state.rate(port)
+    x = run.system.unknowns.state.vector(port)
+    v = run.system.unknowns.state.rate(port)
     return origin.R0 + x, origin.V0 + v
 
 
@@ -87,7 +87,7 @@ def test_dumbbell_hangs_on_its_spring_by_the_tide() -> None:
     stretch = []
     for _ in range(10):
         run.run(until=run.time + 20.0)
-        x = run.system.state.vectors([a.port(), b.port()])
+        x = run.system.unknowns.state.vectors([a.port(), b.port()])
         stretch.append(np.linalg.norm(x[1] - x[0]) - 20.0)
     # undamped, it swings between 0 and twice the tide's 3 n² m L/(2 k)
     tide = 3 * RATE**2 * 10 * 10 / 1e5
@@ -141,7 +141,7 @@ def test_strains_are_not_spoilt_by_seven_thousand_kilometres(order: int) -> None
     stored = []
     for parts in ((), (Orbit(Elements(A, 0.01, i=1.0)),)):
         run = run_until(0.02, film(order), *parts, dt=1e-3)
-        positions.append(run.system.q0.array_r.reshape(-1, 3).copy())
+        positions.append(run.system.unknowns.q0.array_r.reshape(-1, 3).copy())
         stored.append(run.totals.stored["film"])
     moved = positions[1] - positions[0]
     moved -= run.comm.bcast(moved[0])  # the origin goes to the centre of mass
@@ -234,7 +234,7 @@ def test_what_cannot_fly_is_refused() -> None:
     with pytest.raises(gx.InputError, match="Midpoint"):
         gx.Simulation(gx.Scene(body, Orbit(Elements(A))), gx.GeneralizedAlpha(dt=1.0))
     with pytest.raises(gx.InputError, match="not in the scene"):
-        Orbit(Elements(A)).flight(gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system)
+        Orbit(Elements(A)).flight(gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system.unknowns)
 
 
 @pytest.mark.mpi
@@ -265,7 +265,7 @@ def test_a_stiffer_body_moves_as_the_rigid_one() -> None:
 
     def angle(*parts: object, along: tuple[object, ...]) -> float:
         run = run_until(until, *parts, Orbit(Elements(A)), dt=h)
-        x = run.system.state.vectors(along)
+        x = run.system.unknowns.state.vectors(along)
         d = x[-1] - x[0] if len(along) == 2 else x[0]
         return math.atan2(d[1], d[0])
 

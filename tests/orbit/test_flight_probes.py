@@ -30,7 +30,7 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
         gx.orbit.Drag(body, orbit, atmosphere=AIR, surfaces=[surface], name="drag"),
         dt=1e-3,
     )
-    r, v = orbit.flight(run.system).state()
+    r, v = orbit.flight(run.system.unknowns).state()
     found = elements_of(r, v, orbit.mu)
     for name in ("a", "e", "i", "node", "perigee", "anomaly"):
         measured = gx.probes.OrbitState(orbit, name)(run)
@@ -55,7 +55,8 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
     ]
     # From the centre of mass to the middle of the film.
     arm = (
-        np.array([0.5 * math.cos(0.4), 0.5, -0.5 * math.sin(0.4)]) - orbit.flight(run.system).centre
+        np.array([0.5 * math.cos(0.4), 0.5, -0.5 * math.sin(0.4)])
+        - orbit.flight(run.system.unknowns).centre
     )
     assert np.allclose(torque, np.cross(arm, push), rtol=1e-3, atol=1e-10)
     with pytest.raises(gx.InputError, match="no load"):
@@ -130,10 +131,10 @@ def test_a_flight_goes_on_from_a_checkpoint(folder: Path) -> None:
             # Torques are round-off of the forces.
             assert found == pytest.approx(expected, rel=1e-9, abs=1e-20)
     again.run(until=0.05)
-    error = np.abs(again.system.q0.array_r - whole.system.q0.array_r).max()
+    error = np.abs(again.system.unknowns.q0.array_r - whole.system.unknowns.q0.array_r).max()
     # The checkpoint holds the origin of the flight separately from small positions.
     assert error < 1e-12
-    mine, theirs = (o.flight(r.system).origin for o, r in ((other, again), (orbit, whole)))
+    mine, theirs = (o.flight(r.system.unknowns).origin for o, r in ((other, again), (orbit, whole)))
     # m in 7000 km: the last bits.
     error = np.abs(mine.R0 - theirs.R0).max()
     assert error < 1e-8

@@ -280,7 +280,9 @@ def test_a_restart_goes_on_with_the_temperatures_of_all_triangles(comm, folder: 
     restored, _ = heated_run(comm, 0.2, restart=folder)
     assert np.array_equal(temperatures_of(restored), temperatures_of(half))
     # Of the mean thermal strain of the last step.
-    stresses = [gx.probes.LargestStress(one.system.bodies[0])(one) for one in (restored, half)]
+    stresses = [
+        gx.probes.LargestStress(one.system.unknowns.bodies[0])(one) for one in (restored, half)
+    ]
     assert stresses[0] == pytest.approx(stresses[1], rel=1e-10)
     rest, again = heated_run(comm, 0.4, restart=folder)
     a = heating.balance(whole)
@@ -291,14 +293,16 @@ def test_a_restart_goes_on_with_the_temperatures_of_all_triangles(comm, folder: 
     for name in ("stored", "absorbed", "emitted", "lowest", "highest", "mean"):
         assert getattr(b, name) == pytest.approx(getattr(a, name), rel=agreement)
     assert abs(b.error) < 1e-12
-    difference = abs(rest.system.q0.array_r - whole.system.q0.array_r).max(initial=0.0)
+    difference = abs(rest.system.unknowns.q0.array_r - whole.system.unknowns.q0.array_r).max(
+        initial=0.0
+    )
     assert difference < (1e-8 if comm.size == 1 else 1e-2)
     assert abs(rest.energy_error) < 1e-9
 
 
 def temperatures_of(run: gx.Simulation) -> np.ndarray:
     """Temperatures [K] of this rank's triangles."""
-    (kind,) = [one for one in run.system.compiled if isinstance(one, HeatedFilms)]
+    (kind,) = [one for one in run.system.equations.compiled if isinstance(one, HeatedFilms)]
     _, temperatures = kind.cell_history()["temperature 0"]
     return temperatures.copy()
 

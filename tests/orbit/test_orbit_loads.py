@@ -69,7 +69,9 @@ def plate(tilt: float, optics: Optics = MIRROR) -> tuple[gx.RigidBody, Surface]:
 
 def pushed(run: gx.Simulation, name: str) -> np.ndarray:
     """Force and torque about the origin (2, 3) of a load in the last step."""
-    found = [kind.resultants().get(name, np.zeros((2, 3))) for kind in run.system.compiled]
+    found = [
+        kind.resultants().get(name, np.zeros((2, 3))) for kind in run.system.equations.compiled
+    ]
     return np.asarray(run.comm.allreduce(sum(found)))
 
 
@@ -93,7 +95,7 @@ def test_sunlight_on_film_and_plate(degrees: float) -> None:
     normal = np.array([math.sin(tilt), 0, math.cos(tilt)])
     lit_from_front = normal[2] > 0
     away = -normal if lit_from_front else normal
-    u, P = orbit.flight(run.system).light()
+    u, P = orbit.flight(run.system.unknowns).light()
     assert np.allclose(u, [0, 0, -1], atol=1e-4)  # 7000 km of an astronomical unit
     assert pytest.approx(P, rel=1e-4) == PRESSURE
     c = float(away @ u)
@@ -138,7 +140,7 @@ def test_eclipse_begins_at_its_time() -> None:
     body = gx.PointMass(10.0)
 
     def depth(run: gx.Simulation) -> float:
-        flight = orbit.flight(run.system)
+        flight = orbit.flight(run.system.unknowns)
         return orbit.depth(flight.origin.R0, run.time)
 
     enters = gx.When(depth, stop=True, tolerance=1e-4)
@@ -162,7 +164,7 @@ def test_drag_on_film_and_plate(order: int) -> None:
         Drag(body, orbit, atmosphere=AIR, accommodation=how, surfaces=[surface], name="on plate"),
     )
     on_film, on_plate = (pushed(run, name)[0] for name in ("on film", "on plate"))
-    flight = orbit.flight(run.system)
+    flight = orbit.flight(run.system.unknowns)
     # The air turns with the Earth, 7.29e-5 rad/s.
     U = np.cross([0, 0, 7.292115e-5], flight.R) - flight.V
     air = AIR(A - orbit.radius)
@@ -189,7 +191,7 @@ def test_drag_on_a_closed_film_is_that_of_a_sphere() -> None:
                 return Air(1e-11, 1000.0, molecule=molecule)
 
             run = one_step(Drag(ball, orbit, atmosphere=air_at, closed=True, name="drag"))
-            flight = orbit.flight(run.system)
+            flight = orbit.flight(run.system.unknowns)
             U = np.cross([0, 0, 7.292115e-5], flight.R) - flight.V
             speed = np.linalg.norm(U)
             s = speed / air_at(0.0).thermal_speed
@@ -240,7 +242,7 @@ def test_derivatives_by_complex_steps(what: str) -> None:
     term = next(iter(load.terms(InitialState([], MPI.COMM_WORLD))))
     run = one_step(body, load)
     law = _ByComplexSteps(term.law)
-    term.law.prepare(orbit.flight(run.system))
+    term.law.prepare(orbit.flight(run.system.unknowns))
     X = np.random.default_rng(1).normal(size=(len(term.ports), 3)).ravel()
     law.begin(0.0, 0.5, 0.9 * X, X)
     K = law.tangent(X)
@@ -259,7 +261,7 @@ def test_magnetic_torque_is_m_cross_B() -> None:
     body = gx.RigidBody(5.0, (0.2, 0.3, 0.4), spin=(0.01, 0.0, 0.02))
     magnet = MagneticDipole(body.frame(), orbit, moment=(1.0, -2.0, 0.5))
     run = one_step(magnet)
-    flight = orbit.flight(run.system)
+    flight = orbit.flight(run.system.unknowns)
     B = magnet.field(flight)
     # 30 to 60 µT is the Earth's field in a low orbit; inclination makes it change.
     assert 2e-5 < np.linalg.norm(B) < 6e-5

@@ -77,7 +77,7 @@ def test_the_count_is_that_of_all_pairs_in_turn(comm) -> None:
     alone, probe_alone = crossed_films(MPI.COMM_SELF)
     found_alone = probe_alone(alone)
     mesh = probe_alone._mesh(alone.system)
-    x = mesh.points.at(alone.system.q0, alone.system.time)
+    x = mesh.points.at(alone.system.unknowns.q0, alone.system.unknowns.time)
     expected = sum(
         any(crosses(x, edge, triangle) for triangle in mesh.surface.triangles)
         for edge in mesh.surface.edges

@@ -109,7 +109,7 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     shapes.positions += [X + 0.05 * rng.standard_normal(X.shape) for _ in range(3)]
     reduced = gx.reduction.reduce(film, [shapes], modes=4)
     system = gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=0.1)).system
-    energies = next(c for c in system.compiled if type(c).__name__ == "ReducedEnergies")
+    energies = next(c for c in system.equations.compiled if type(c).__name__ == "ReducedEnergies")
     force = energies._forces[0][1]
     points: Points = force.points
     c0 = reduced.basis.examples[0]

@@ -80,7 +80,7 @@ def test_with_all_modes_it_is_the_plate(rest) -> None:
         run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=0.02))
         run.run(until=0.2)
         assert abs(run.energy_error) < 1e-12
-        shapes.append(run.system.q0.array_r.reshape(-1, 3).copy())
+        shapes.append(run.system.unknowns.q0.array_r.reshape(-1, 3).copy())
     assert run.totals.stored["plate bending"] > 0
     error = np.abs(reduced.basis.values @ shapes[1] - shapes[0]).max()
     # The cubic energy of a rest curvature returns what the gradient in the middle of a step misses
@@ -116,7 +116,7 @@ def test_the_twist_by_a_force_at_a_corner_is_that_of_the_closed_form() -> None:
     method = gx.analysis.Continuation(tolerance=1e-4)
     search = gx.Equilibrium(gx.Scene(reduced, push, *held(reduced, CORNERS[:3])), method)
     search.find()
-    deflection = search.system.state.vector(corner)[2]
+    deflection = search.system.unknowns.state.vector(corner)[2]
     # w = F x y/(2 D (1-ν)): the twisting moments of all four corners are the force.
     exact = force * SIDE**2 / (2 * STIFFNESS * (1 - LAW.nu))
     assert deflection == pytest.approx(exact, rel=1e-4)

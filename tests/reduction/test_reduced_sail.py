@@ -133,16 +133,21 @@ def test_with_all_modes_it_is_the_film(stress) -> None:
     reduced = flight(gx.reduction.reduce(film, [noise], modes=6))
     for run in (full, reduced):
         run.run(until=0.4)
-    assert reduced.system.numbering.size == full.system.numbering.size
+    assert reduced.system.unknowns.numbering.size == full.system.unknowns.numbering.size
     # the kernel of the points chooses strains as the film's forms do, but for the first ones of a
     # step
     assert reduced.iterations <= full.iterations + 2 * reduced.step
     x = reduced.scene.bodies[0]
     shape = (
-        x.basis.values @ reduced.system.q0.array_r[reduced.system.numbering.owned(0)].reshape(-1, 3)
+        x.basis.values
+        @ reduced.system.unknowns.q0.array_r[reduced.system.unknowns.numbering.owned(0)].reshape(
+            -1, 3
+        )
     ).ravel()
     # The same discrete problem in other coordinates.
-    error = np.abs(shape - full.system.q0.array_r[full.system.numbering.owned(0)]).max()
+    error = np.abs(
+        shape - full.system.unknowns.q0.array_r[full.system.unknowns.numbering.owned(0)]
+    ).max()
     assert error < 1e-9
 
 
@@ -155,7 +160,7 @@ def test_more_modes_come_closer(recorded) -> None:
         reduced = gx.reduction.reduce(film, [shapes], modes=modes)
         run = flight(reduced)
         run.run(until=0.4)
-        c = run.system.q0.array_r[run.system.numbering.owned(0)].reshape(-1, 3)
+        c = run.system.unknowns.q0.array_r[run.system.unknowns.numbering.owned(0)].reshape(-1, 3)
         errors.append(
             np.abs(reduced.basis.values[: len(shapes.positions[0])] @ c - shapes.positions[10])[
                 :, 2
@@ -193,13 +198,15 @@ def test_fields_are_those_of_the_whole_film(recorded) -> None:
     # Its shape is that of its nodes, and a port snaps to one of them.
     x = gx.fields.positions(run, reduced)
     owned = film.space.dofmap.index_map.size_local
-    np.testing.assert_allclose(x, run.system.state[reduced].local_positions()[:owned], atol=1e-15)
+    np.testing.assert_allclose(
+        x, run.system.unknowns.state[reduced].local_positions()[:owned], atol=1e-15
+    )
     assert x.shape == (owned, 3)
     low, high = describe(run)["bodies"][reduced.name]["box"]
     assert np.ptp([low, high], axis=0)[:2] == pytest.approx(SIDE, rel=1e-6)
     plane = gx.analysis.best_surface(run, reduced)
     assert plane.area == pytest.approx(SIDE**2, rel=1e-3) and plane.rms < 1e-12
-    state = run.system.state
+    state = run.system.unknowns.state
     snapped = state.vector(reduced.port_at((0.05 * SIDE, 0.05 * SIDE, 0.0), snap=True))
     corner = state.vector(reduced.port_at(CORNERS[0]))
     np.testing.assert_allclose(snapped, corner, atol=1e-9)
@@ -216,7 +223,9 @@ def test_a_restart_goes_on_as_if_nothing_had_happened(recorded, folder: Path) ->
     again = flight(reduced, restart=folder / "points")
     for run in (whole, again):
         run.run(until=0.4)
-    error = np.abs(whole.system.q0.array_r - again.system.q0.array_r).max(initial=0.0)
+    error = np.abs(whole.system.unknowns.q0.array_r - again.system.unknowns.q0.array_r).max(
+        initial=0.0
+    )
     assert error < 1e-12
 
 
@@ -236,7 +245,7 @@ def test_gravity_and_pressure_act_on_it_as_on_the_film(recorded, cells, error) -
     # The film moves as a whole; its bulging turns the pressure slightly.
     assert measured == pytest.approx(exact, rel=error)
     resultant = COMM.allreduce(
-        sum(c.resultants().get("pressure", np.zeros((2, 3))) for c in run.system.compiled)
+        sum(c.resultants().get("pressure", np.zeros((2, 3))) for c in run.system.equations.compiled)
     )
     assert resultant[0, 2] == pytest.approx(1e-3 * SIDE**2, rel=error)
     # Its moment about the origin is that of the force in the middle of the film; the weights of
@@ -329,9 +338,9 @@ def test_it_starts_from_a_shape_of_the_film(recorded) -> None:
     reduced = gx.reduction.reduce(film, [shapes], modes=8)
     there = run_until(0.1, film, gx.RigidMotion(velocity=(0.0, 0.0, 1.0)), dt=0.1)
     run = gx.Simulation(gx.Scene(reduced, gx.StartFrom(there.system)), gx.Midpoint(dt=0.1))
-    expected, outside = reduced.basis.project(there.system.q0.array_r.reshape(-1, 3))
-    own = run.system.numbering.owned(0)
-    measured = run.system.q0.array_r[own]
+    expected, outside = reduced.basis.project(there.system.unknowns.q0.array_r.reshape(-1, 3))
+    own = run.system.unknowns.numbering.owned(0)
+    measured = run.system.unknowns.q0.array_r[own]
     exact = expected.ravel()[: own.stop - own.start]
     assert measured == pytest.approx(exact, abs=1e-12)
     # 1 m/s for 0.1 s.

@@ -30,7 +30,7 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
     scene = gx.Scene(film, gx.Pressure(film, 1.0))
     load = gx.Equilibrium(scene).system
     # A closed surface: the pressure has no resultant.
-    total = np.abs(load.load_forces().array.reshape(-1, 3).sum(axis=0)).max()
+    total = np.abs(load.equations.load_forces().array.reshape(-1, 3).sum(axis=0)).max()
     assert total < 1e-12
     law = gx.CableLaw(1.0, 1.0)
     for name in ("cord 0", "cord 1"):

@@ -45,7 +45,7 @@ def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slop
     largest = 10 * weight if stiffness is None else stiffness * DISTANCE
     # Height over the distance d at which contact carries the weight.
     expected = brentq(lambda x: largest * slope(x) + weight, 1e-6, 1.0)
-    heights = equilibrium.system.state[sheet].positions()[:, 2]
+    heights = equilibrium.system.unknowns.state[sheet].positions()[:, 2]
     assert heights == pytest.approx(expected * DISTANCE, rel=1e-6)
     # The floor resists neither sliding nor the turn about z.
     assert set(result.free) == {"translation x", "translation y", "rotation z"}
@@ -71,7 +71,7 @@ def test_a_film_that_lands_later_has_its_own_stiffness(comm):
     equilibrium = gx.Equilibrium(gx.Scene(contact, *weights))
     equilibrium.find()
     for one in (coarse, fine):
-        heights = equilibrium.system.state[one].positions()[:, 2]
+        heights = equilibrium.system.unknowns.state[one].positions()[:, 2]
         assert heights == pytest.approx(DISTANCE - SIGMA * GRAVITY / K, rel=1e-6)
 
 
@@ -119,7 +119,7 @@ def test_a_tube_between_two_planes(comm, law, increments):
         result = equilibrium.find(at=k / increments)
     # Each increment has a tangent without a free motion.
     assert result.regular
-    heights = equilibrium.system.state[tube].positions()[:, 2]
+    heights = equilibrium.system.unknowns.state[tube].positions()[:, 2]
     top = comm.allreduce(float(heights.max(initial=-1.0)), MPI.MAX)
     bottom = comm.allreduce(float(heights.min(initial=1.0)), MPI.MIN)
     hoop_strain = PRESSURE * RADIUS / STIFFNESS * (1 - 0.3**2)

@@ -115,7 +115,9 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
         )
         load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 1e-5))
         search = at_rest(plate, gx.Fixed(plate, "left", rotation=True), load, *folds)
-        ends.append(comm.allreduce(float(search.system.q0.array_r[2::3].max()), op=MPI.MAX))
+        ends.append(
+            comm.allreduce(float(search.system.unknowns.q0.array_r[2::3].max()), op=MPI.MAX)
+        )
     # A crease of 1e3 N m/m/rad is as good as none.
     assert ends[1] == pytest.approx(ends[0], rel=1e-2)
     computed = ends[2] - ends[1]
@@ -194,7 +196,7 @@ def hanging_plate(weight: float, cells: int = 16) -> tuple[float, float]:
         force = (weight / HUNG.width, 0.0, 0.0)
         items.append(gx.loads.EdgeLoad(plate, "right", force=force))
     search = at_rest(*items)
-    x = search.system.q0.array_r.reshape(-1, 3)
+    x = search.system.unknowns.q0.array_r.reshape(-1, 3)
     left, right = (x[plate.nodes(side)].mean(axis=0) for side in ("left", "right"))
     return gx.probes.FoldAngle(hinge).of(search.system), float(np.linalg.norm(right - left))
 

@@ -240,10 +240,10 @@ def test_gradients_agree_with_differences(comm, case):
     # The equilibrium must be more exact than the differences.
     equilibrium = gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=1e-11))
     equilibrium.find()
-    start = equilibrium.system.q0.copy()
+    start = equilibrium.system.unknowns.q0.copy()
 
     def begin() -> None:
-        start.copy(equilibrium.system.q0)
+        start.copy(equilibrium.system.unknowns.q0)
 
     check_against_differences(equilibrium, names.split(", "), results, CHANGES, begin)
 
@@ -301,9 +301,9 @@ def test_a_functional_of_the_user_gives_what_the_probe_gives(comm):
     scene, (_, probe) = net(comm)
     equilibrium = gx.Equilibrium(scene)
     equilibrium.find()
-    mass = next(body for body in equilibrium.system.bodies if body.name == "mass")
+    mass = next(body for body in equilibrium.system.unknowns.bodies if body.name == "mass")
     height = gx.analysis.Functional(
-        lambda run: float(run.system.state[mass].positions()[0, 2]),
+        lambda run: float(run.system.unknowns.state[mass].positions()[0, 2]),
         lambda run: {mass: np.array([0.0, 0.0, 1.0])},
         unit="m",
     )
@@ -358,7 +358,7 @@ def hanging(comm: MPI.Intracomm) -> tuple[gx.Equilibrium, gx.analysis.Functional
     wanted = np.array([0.1, 0.1, -1.0])
 
     def away(run) -> np.ndarray:
-        return run.system.state.vector(mass.port()) - wanted
+        return run.system.unknowns.state.vector(mass.port()) - wanted
 
     distance = gx.analysis.Functional(
         lambda run: float(away(run) @ away(run)),
@@ -530,7 +530,7 @@ def test_a_pressed_tube_has_the_gradients_of_differences(comm):
     equilibrium, size = pressed({})
     names = {"tube.thickness": thickness, "pressure.pressure": pressure}
     found = gx.analysis.gradient(equilibrium, of=size, by=list(names))
-    assert equilibrium.system.totals().stored["contact"] > 0
+    assert equilibrium.system.balance.totals().stored["contact"] > 0
     for name, value in names.items():
         errors = []
         for δ in CHANGES[1:4]:

@@ -46,7 +46,7 @@ def test_square_film_under_tension(comm, order, cells, tolerance):
     # Modes are the nearest to a frequency, not those above it.
     [nearest] = modes(equilibrium, 1, above=1.01 * measured[0])
     assert nearest.frequency == pytest.approx(measured[0], rel=1e-6)
-    assert len(found[0].shape) == equilibrium.system.numbering.size_local
+    assert len(found[0].shape) == equilibrium.system.unknowns.numbering.size_local
 
 
 @pytest.mark.mpi
@@ -98,7 +98,7 @@ def test_disc_that_spins_freely(comm):
     equilibrium = Equilibrium(vibration.film_of(comm, "free disc", 2, 8))
     found = equilibrium.find()
     assert found.free == ("translation z",)
-    x = equilibrium.system.q0.array_r.reshape(-1, 3)
+    x = equilibrium.system.unknowns.q0.array_r.reshape(-1, 3)
     rim = comm.allreduce(float(np.hypot(x[:, 0], x[:, 1]).max()), max)
     expected = (1 - NU) / 4 * 5e-5
     assert rim - 1 == pytest.approx(expected, rel=1e-2)  # u(a)
@@ -138,8 +138,8 @@ def test_coriolis_matrix_of_a_film(comm):
     """2 M ω×: force 2 m Ω against x of a velocity along y, and skew."""
     film = gx.Membrane(sheet(comm, 3, 3), TENSIONED)
     system = gx.Scene(film).compile()
-    G = system.gyroscopic((0.0, 0.0, SPIN))
-    x, y, out = (system.numbering.vector() for _ in range(3))
+    G = system.matrices.gyroscopic((0.0, 0.0, SPIN))
+    x, y, out = (system.unknowns.numbering.vector() for _ in range(3))
     x.array[0::3] = 1
     y.array[1::3] = 1
     G.mult(y, out)

@@ -232,7 +232,7 @@ def test_a_tape_spring_snaps_and_folds(comm):
     axis = end.frame.directors[0]
 
     def turn(state):
-        x, _, z = state.system.state.vector(axis)
+        x, _, z = state.system.unknowns.state.vector(axis)
         return math.atan2(-z, x)
 
     equilibrium = gx.Equilibrium(gx.Scene(tape, middle, low, end, torque))

@@ -58,7 +58,7 @@ def test_two_halves_of_a_symmetric_plate_are_one():
             gx.Fixed(plate, "right", rotation=True, components=end, direction=right),
         )
         equilibrium = at_rest(plate, *clamps, gx.Pressure(plate, 20.0))
-        rises.append(equilibrium.system.q0.array_r[2::3].max())
+        rises.append(equilibrium.system.unknowns.q0.array_r[2::3].max())
     # The half has another mesh at its plane of symmetry.
     assert rises[1] == pytest.approx(rises[0], rel=1e-2)
 
@@ -70,7 +70,7 @@ def test_a_hinge_transmits_no_moment():
     clamp = gx.Fixed(plate, "left", rotation=True)
     load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 0.05))
     equilibrium = at_rest(plate, clamp, load)
-    x = equilibrium.system.q0.array_r.reshape(-1, 3)
+    x = equilibrium.system.unknowns.q0.array_r.reshape(-1, 3)
     middle = x[plate.nodes("middle")].mean(axis=0)
     right = x[plate.nodes("right")].mean(axis=0)
     # The hinge is 0.15 m from the clamp; the part beyond hangs straight.
@@ -110,7 +110,7 @@ def test_the_energy_of_a_cylinder_is_that_of_its_curvature():
     for n in (8, 16):
         mesh = irregular_sheet(WORLD, n, n // 4, 1.0, 0.25)
         plate = gx.Plate(mesh, LAW, displacement=rolled_and_turned)
-        energy = gx.Scene(plate).compile().totals().stored["plate bending"]
+        energy = gx.Scene(plate).compile().balance.totals().stored["plate bending"]
         errors.append(abs(energy / (LAW.E * LAW.thickness**3 / 12 / 0.91 * κ**2 * 0.25 / 2) - 1))
     # As for the cylinder of an orthotropic plate.
     assert errors[1] < 5e-3 and errors[1] < errors[0] / 2
@@ -143,7 +143,7 @@ def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
     found = equilibrium.find()
     # Wrinkles release a fifth of the energy or more.
     assert sum(found.totals.stored.values()) < 0.8 * plane
-    z = equilibrium.system.q0.array_r[2::3]
+    z = equilibrium.system.unknowns.q0.array_r[2::3]
     # And they are far deeper than their seed.
     assert comm.allreduce(float(z.max(initial=0.0)), op=MPI.MAX) > 10 * 1e-5
 

@@ -31,14 +31,14 @@ def held(film: gx.Membrane, *others: object, edges=EDGES) -> gx.Equilibrium:
 
 
 def largest_displacement(equilibrium: gx.Equilibrium) -> float:
-    moved = np.abs(equilibrium.system.q0.array_r - start_of(equilibrium))
+    moved = np.abs(equilibrium.system.unknowns.q0.array_r - start_of(equilibrium))
     return equilibrium.comm.allreduce(float(moved.max(initial=0.0)), MPI.MAX)
 
 
 def start_of(equilibrium: gx.Equilibrium) -> np.ndarray:
-    found = equilibrium.system.numbering.vector().array
-    for body in equilibrium.system.bodies:
-        found[equilibrium.system.block(body).owned] = body.initial_state()[0]
+    found = equilibrium.system.unknowns.numbering.vector().array
+    for body in equilibrium.system.unknowns.bodies:
+        found[equilibrium.system.unknowns.block(body).owned] = body.initial_state()[0]
     return found
 
 

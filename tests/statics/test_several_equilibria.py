@@ -79,7 +79,7 @@ def test_the_number_of_searches_without_a_result_is_said(comm, caplog):
     """Two bars that snap through need more iterations than they have."""
     equilibrium, _ = two_bars(comm)
     search = gx.analysis.Continuation(total_iterations=3)
-    few = gx.Equilibrium(gx.Scene(*equilibrium.system.items), search)
+    few = gx.Equilibrium(gx.Scene(*equilibrium.system.unknowns.items), search)
     found = gx.analysis.equilibria(few, starts=4, perturbation=0.5)
     reached = sum(len(one.starts) for one in found)
     assert 0 < reached < 4

@@ -63,7 +63,7 @@ def quarter_pillow(cells: tuple[int, int], q: float) -> tuple[float, float]:
     statics = gx.Equilibrium(gx.Scene(*items))
     for t in (0.5, 1.0):
         statics.find(at=t)
-    state = statics.system.state
+    state = statics.system.unknowns.state
     rim = state.vector(films[1].port("rim on x axis"))
     heights = [state.vector(film.port("centre"))[2] for film in films]
     return float(rim[0]), float(heights[0] - heights[1])
@@ -109,7 +109,7 @@ def test_a_sheet_becomes_a_tube() -> None:
     for _ in range(50):
         along = np.sqrt(1 - 0.3 * (stretch**2 - 1))
         stretch = np.sqrt(1 + 2 * p * R * along / 1e4)
-    x = statics.system.state[film].gathered()
+    x = statics.system.unknowns.state[film].gathered()
     X = np.concatenate(COMM.allgather(film.space.tabulate_dof_coordinates()[: own_nodes(film)]))
     # One node of the seam is enough for the middle.
     middle = x[X[:, 1] > 1e-9, 1:].mean(axis=0)
@@ -157,7 +157,9 @@ def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
     for t in (1.0, 1.2, 2.0):
         statics.find(at=t)
     # All poles are one point, although the ties there are one more than needed.
-    ends = [statics.system.state.vector(balloon.film.port(f"first {k}")) for k in range(16)]
+    ends = [
+        statics.system.unknowns.state.vector(balloon.film.port(f"first {k}")) for k in range(16)
+    ]
     assert np.ptp(ends, axis=0) == pytest.approx(0.0, abs=1e-8)
     factor = pumpkin.TENDON_FACTOR
     radius = balloon.radius()

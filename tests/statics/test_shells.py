@@ -24,7 +24,7 @@ def dome(comm: MPI.Intracomm, cells: int, **given) -> gx.Plate:
 
 
 def stored_forces(plate: gx.Plate) -> float:
-    forces = gx.Scene(plate).compile().stored_forces().array_r
+    forces = gx.Scene(plate).compile().equations.stored_forces().array_r
     return plate.comm.allreduce(float(np.abs(forces).max(initial=0.0)), op=MPI.MAX)
 
 
@@ -35,10 +35,10 @@ def test_a_curved_mesh_has_no_energy_and_no_forces_wherever_it_is_turned(comm):
     for cells in (4, 8):
         plate = dome(comm, cells)
         turned = gx.Scene(plate).compile()
-        positions = turned.q0.array_w.reshape(-1, 3)
+        positions = turned.unknowns.q0.array_w.reshape(-1, 3)
         positions[:] = positions @ Q.T
         turned.restart()
-        energy = sum(turned.totals().stored.values())
+        energy = sum(turned.balance.totals().stored.values())
         flat = LAW.E * LAW.thickness**3 / 12 / 0.91
         # Its bending energy if it were flat without stress is some 0.2 D; the remainder is of third
         # order in the kinks between cells.
@@ -68,7 +68,7 @@ def test_a_symmetric_edge_may_be_given_in_either_direction():
         )
         clamp = gx.Fixed(plate, "left", rotation=True, direction=(sign, 0.0, 0.0))
         equilibrium = at_rest(plate, clamp)
-        rises.append(equilibrium.system.q0.array_r[2::3].max())
+        rises.append(equilibrium.system.unknowns.q0.array_r[2::3].max())
     assert rises[1] == pytest.approx(rises[0], rel=1e-6)
 
 

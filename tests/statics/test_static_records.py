@@ -100,7 +100,7 @@ def test_a_path_of_loads_has_a_state_for_each_time(comm, folder):
 def test_a_mode_is_recorded_over_one_period(comm, folder):
     equilibrium, _ = drum(comm)
     equilibrium.find()
-    before = equilibrium.system.q0.array_r.copy()
+    before = equilibrium.system.unknowns.q0.array_r.copy()
     folders = gx.outputs.record_modes(
         equilibrium,
         modes(equilibrium, 2),
@@ -108,7 +108,7 @@ def test_a_mode_is_recorded_over_one_period(comm, folder):
         amplitude=0.03,
         frames=4,
     )
-    assert (equilibrium.system.q0.array_r == before).all()
+    assert (equilibrium.system.unknowns.q0.array_r == before).all()
     comm.barrier()
     assert [path.name for path in folders] == ["mode_1", "mode_2"]
     reader = gx.plot.RunReader(folders[0])

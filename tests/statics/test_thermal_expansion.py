@@ -259,7 +259,7 @@ def test_derivatives_of_a_cooled_drum(comm, name: str) -> None:
     volume = gx.analysis.EnclosedVolume(film)
     result = gx.analysis.gradient(equilibrium, of=volume, by=[f"film.{name}"])
     derivative = float(result[f"film.{name}"].values.sum())
-    term = next(t for t in equilibrium.system.terms_of(film) if hasattr(t, "thermal"))
+    term = next(t for t in equilibrium.system.unknowns.terms_of(film) if hasattr(t, "thermal"))
     parameter = next(p for p in term.parameters if p.name == name)
     value = float(parameter.source.value)
     volumes = []

@@ -38,10 +38,14 @@ def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
     COMM.barrier()
     for comm in (COMM, MPI.COMM_SELF):
         run = run_to(3, fluttering_sheet(comm, 5, order=2), restart=folder)
-        film = run.system.bodies[0]
+        film = run.system.unknowns.bodies[0]
         X = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
         table = np.hstack(
-            [X, run.system.q0.array_r.reshape(-1, 3), run.system.v0.array_r.reshape(-1, 3)]
+            [
+                X,
+                run.system.unknowns.q0.array_r.reshape(-1, 3),
+                run.system.unknowns.v0.array_r.reshape(-1, 3),
+            ]
         )
         rows = np.concatenate(comm.allgather(table))
         rows = rows[np.lexsort(rows[:, :3].T.round(9))]
@@ -388,5 +392,5 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
             run(steps, outputs=[Watch(stop)], checkpoints=gx.Checkpoints(folder))
     rest = run(steps, restart=folder)
     assert rest.iterations == whole.iterations
-    assert (rest.system.q0.array_r == whole.system.q0.array_r).all()
+    assert (rest.system.unknowns.q0.array_r == whole.system.unknowns.q0.array_r).all()
     assert rest.chamber("tube").pressure == whole.chamber("tube").pressure

@@ -35,7 +35,7 @@ def test_a_fall_ends_at_its_height(height: float, control: gx.StepControl | None
     run = gx.Simulation(scene, gx.Midpoint(dt=0.04), events=[event], control=control)
     run.run(until=10.0)
     assert run.time == pytest.approx(math.sqrt(2 * (1 - height) / 9.81), abs=1e-11)
-    assert run.system.q0.array_r[2] <= height
+    assert run.system.unknowns.q0.array_r[2] <= height
     assert abs(run.energy_error) <= 1e-13
 
 

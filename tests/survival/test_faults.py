@@ -236,4 +236,4 @@ def test_a_valve_that_returns_no_number_is_named_and_the_state_before_is_saved(
         run.run(until=2e-3)
     COMM.barrier()
     assert gx.run.latest_checkpoint(folder) is not None
-    assert np.isfinite(run.system.q0.array_r).all()
+    assert np.isfinite(run.system.unknowns.q0.array_r).all()

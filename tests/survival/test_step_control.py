@@ -74,7 +74,7 @@ def test_steps_of_a_given_error(error: float) -> None:
     control = gx.StepControl(target_iterations=10**6, error=error)
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[noted], control=control)
     run.run(until=1.0)
-    off = abs(run.system.q0.array_r[0] - math.cos(OMEGA))
+    off = abs(run.system.unknowns.q0.array_r[0] - math.cos(OMEGA))
     assert off <= error * run.step
     assert off >= error * run.step / 20  # and they are not much shorter than they must be
     assert max(noted.lengths) <= (12 * error / OMEGA**3) ** (1 / 3) * 3
@@ -142,7 +142,11 @@ def test_a_step_that_is_taken_back_leaves_no_trace(
     for trial in (1e-3, 2.7e-3, 1e-3):
         run.stepping.advance(trial)
         results.append(
-            (run.system.q0.array_r.copy(), run.system.v0.array_r.copy(), run.system.totals().energy)
+            (
+                run.system.unknowns.q0.array_r.copy(),
+                run.system.unknowns.v0.array_r.copy(),
+                run.system.balance.totals().energy,
+            )
         )
         run.history.rollback()
     for first, again in zip(results[0], results[2], strict=True):
@@ -265,7 +269,7 @@ class States(Steps):
         self.states: list[tuple[float, np.ndarray, np.ndarray]] = []
 
     def record(self, run: gx.Simulation, last: bool) -> None:
-        parts = [run.system.state[mass] for mass in self._masses]
+        parts = [run.system.unknowns.state[mass] for mass in self._masses]
         x = np.vstack([part.positions() for part in parts])
         v = np.vstack([part.rates().reshape(-1, 3) for part in parts])
         self.states.append((run.time, x.copy(), v.copy()))

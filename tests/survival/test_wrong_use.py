@@ -516,7 +516,7 @@ def of_list() -> bool:
     at = [1.0, 0.0, 0.0]
     made = gx.PointMass(1.0, at, comm=ONE)
     at[0] = 5.0
-    return bool(run(made).system.state[made].positions()[0, 0] == 1.0)
+    return bool(run(made).system.unknowns.state[made].positions()[0, 0] == 1.0)
 
 
 def of_array() -> bool:
@@ -902,7 +902,7 @@ RUNS: dict[str, Case] = {
     "vtu of a mass": lambda at: run(mass(), outputs=[gx.outputs.VTU(at / "a.pvd")]),
     "a log in a folder": lambda at: gx.run.log_to(ONE, at),
     "a log in a file": lambda at: gx.run.log_to(ONE, written(at / "b", "") / "a.log"),
-    "state by name": lambda at: run(mass()).system.state["mass"],
+    "state by name": lambda at: run(mass()).system.unknowns.state["mass"],
     "a restart of nothing": lambda at: again(at, lambda folder: None).time == 4e-4,
     "a restart without a page": lambda at: again(at, lambda f: page(f).unlink()).time == 4e-4,
     "a restart of a folder for a page": lambda at: (

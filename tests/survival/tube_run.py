@@ -42,7 +42,7 @@ def main() -> None:
     if run.comm.rank == 0:
         print("ready", flush=True)
     run.run(until=wanted.steps * DT)
-    q = run.system.q0.array_r.reshape(-1, 3)
+    q = run.system.unknowns.q0.array_r.reshape(-1, 3)
     moments = run.comm.allreduce(np.concatenate([q.sum(axis=0), (q**2).sum(axis=0)]))
     if run.comm.rank == 0:
         tube_now = run.chamber("tube")

@@ -475,7 +475,7 @@ def test_bodies_on_other_ranks_are_refused(comm) -> None:
     scene = gx.Scene(sail, gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub", comm=comm))
     if comm.size == 1:
         # The same rank in both.
-        assert scene.compile().numbering.size == 27 + 18
+        assert scene.compile().unknowns.numbering.size == 27 + 18
         return
     with pytest.raises(gx.InputError, match=r"'hub' is on 2 ranks and 'sail' on 1.*same comm"):
         scene.compile()

@@ -46,8 +46,8 @@ def patches_of(body) -> np.ndarray:
 def test_it_holds_every_affine_motion(comm, order):
     system = simulation(comm, 20, order=order).system
     P = prolongation(system)
-    u = system.numbering.vector()
-    X = system.q0.array_r.reshape(-1, 3)
+    u = system.unknowns.numbering.vector()
+    X = system.unknowns.q0.array_r.reshape(-1, 3)
     A = np.array([[0.3, -1.0, 0.0], [2.0, 0.7, 0.0], [0.1, -0.4, 0.0]])
     u.array[:] = (X @ A.T + [1.0, 2.0, 3.0]).ravel()
     coefficients = P.createVecRight()
@@ -59,7 +59,7 @@ def test_it_holds_every_affine_motion(comm, order):
     assert coefficients.norm() == pytest.approx(u.norm(), rel=1e-13)
     # three functions of the plane for each of three directions and each patch, but where a rank's
     # share of a patch is a line or a point
-    patch = patches_of(system.bodies[0])
+    patch = patches_of(system.unknowns.bodies[0])
     affine = np.column_stack([np.ones(len(X)), X[:, :2]])
     ranks = [np.linalg.matrix_rank(affine[patch == k]) for k in range(patch.max() + 1)]
     assert P.getLocalSize()[1] == 3 * sum(ranks)
@@ -77,14 +77,14 @@ def test_its_columns_are_orthonormal_and_vanish_where_nodes_are_held(comm):
     entries = np.bincount(
         np.repeat(np.arange(len(i) - 1), np.diff(i)), np.abs(values), minlength=len(i) - 1
     )
-    assert np.all(entries[system.supports.held] == 0)
-    free = np.setdiff1d(np.arange(len(entries)), system.supports.held)
+    assert np.all(entries[system.unknowns.supports.held] == 0)
+    free = np.setdiff1d(np.arange(len(entries)), system.unknowns.supports.held)
     assert np.all(entries[free] > 0)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_patches_have_the_same_size(comm, order):
-    patch = patches_of(simulation(comm, 40, order=order).system.bodies[0])
+    patch = patches_of(simulation(comm, 40, order=order).system.unknowns.bodies[0])
     sizes = np.bincount(patch)
     assert sizes.max() <= NODES_PER_PATCH
     assert np.median(sizes) > NODES_PER_PATCH / 2
@@ -96,7 +96,7 @@ def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm, monkeypa
     monkeypatch.setattr(coarse_space, "PATCHES_PER_GROUP", 4)
     film = gx.Membrane(flat_tube(comm, 1.0, 0.2, 8), WRINKLING)
     system = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3)).system
-    body = system.bodies[0]
+    body = system.unknowns.bodies[0]
     patch = patches_of(body)
     if in_groups:
         X = body.space.tabulate_dof_coordinates()[: len(patch)]
@@ -112,7 +112,7 @@ def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm, monkeypa
 def test_a_cable_has_two_functions_a_direction(comm):
     cable = gx.Cable(line(comm, [(0, 0, 0), (1, 0.5, 0)], 500), gx.CableLaw(1e5, 0.1))
     system = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3)).system
-    body = system.bodies[0]
+    body = system.unknowns.bodies[0]
     patch = patches_of(body)
     assert prolongation(system).getLocalSize()[1] == 2 * 3 * (patch.max() + 1)
 
@@ -187,7 +187,7 @@ def test_a_v_cycle_serves_as_a_factorisation_does(comm, monkeypatch, on_one_rank
         run.run(until=2e-3)
         counts.append(run.solver.newton.linear_iterations / run.iterations)
         # Meshes are not divided among ranks in the same way each time: the norm is the same.
-        sizes.append(run.system.q0.norm())
+        sizes.append(run.system.unknowns.q0.norm())
     assert counts[1] < 1.3 * counts[0]
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-9)
 
@@ -225,11 +225,11 @@ def test_a_step_after_an_infinite_matrix_is_solved_as_ever(comm, monkeypatch, fa
     run = simulation(comm, 40)
     system = run.system
     newton = run.solver.newton
-    y = system.begin_step(1e-3)
-    wild = system.numbering.vector()
+    y = system.equations.begin_step(1e-3)
+    wild = system.unknowns.numbering.vector()
     wild.set(1e47)
     wild.array[::5] = -2e47
-    system.set_inertia(2 / 1e-3**2)
+    system.equations.set_inertia(2 / 1e-3**2)
     with pytest.raises(NotConverged):
         newton.solve(wild, y)
     run.run(until=1e-3)

@@ -178,14 +178,14 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     system = run.system
     begin_iteration(run, 1e-3)
     exact = condensed_constraints.for_constraints(system, 60, is_alone=True)
-    A = system.tangent()
+    A = system.matrices.tangent()
     pc = PETSc.PC().create(comm)
     pc.setOperators(A)
     exact.setUp(pc)
     r, z = A.createVecs()
     r.setRandom()
     # Rows of held coordinates have no residual.
-    r.array[system.supports.held] = 0.0
+    r.array[system.unknowns.supports.held] = 0.0
     exact.apply(pc, r, z)
     left = A * z - r
     assert left.norm() < 1e-9 * r.norm()
@@ -205,13 +205,13 @@ def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
     for each in (run, other):
         each.run(until=5e-3)
         system = each.system
-        owned = system.q0.array_r[system.constraints.owned]
+        owned = system.unknowns.q0.array_r[system.equations.constraints.owned]
         multipliers.append(system.comm.allreduce(float(owned @ owned)) ** 0.5)
         assert abs(each.energy_error) < 1e-10 * each.totals.size
     assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
     assert multipliers[0] == pytest.approx(multipliers[1], rel=1e-6)
     assert multipliers[1] > 0
-    assert run.system.constraints.violation(run.system.q0) < 1e-13
+    assert run.system.equations.constraints.violation(run.system.unknowns.q0) < 1e-13
     newton = run.solver.newton
     assert newton.all_iterations <= other.solver.newton.all_iterations + 2
     assert newton.linear_iterations < 12 * newton.all_iterations
@@ -234,7 +234,7 @@ def test_steps_with_contact_are_those_of_a_factorisation(make, most, comm, monke
     assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
     assert stored[0] > 0
     assert stored[0] == pytest.approx(stored[1], rel=1e-6)
-    assert run.system.constraints.violation(run.system.q0) < 1e-13
+    assert run.system.equations.constraints.violation(run.system.unknowns.q0) < 1e-13
     assert newton.all_iterations <= 1.5 * other.solver.newton.all_iterations
     # Hardly more than one for one: the preconditioner has the couplings.  Slack film takes more.
     assert newton.linear_iterations < most * newton.all_iterations
@@ -276,7 +276,9 @@ def test_a_restart_goes_on_as_the_run(monkeypatch, tmp_path):
     assert rest.step == 2
     for run in (whole, rest):
         run.run(until=4e-3)
-    np.testing.assert_allclose(rest.system.q0.array_r, whole.system.q0.array_r, atol=1e-10)
+    np.testing.assert_allclose(
+        rest.system.unknowns.q0.array_r, whole.system.unknowns.q0.array_r, atol=1e-10
+    )
 
 
 @pytest.mark.filterwarnings("ignore:Diagonal number")
@@ -303,7 +305,7 @@ def test_a_step_of_many_iterations_is_factorised(monkeypatch):
     original = CondensedConstraints._condense
 
     def counted(preconditioner, matrix):
-        set_ups.append(preconditioner._system.time)
+        set_ups.append(preconditioner._system.unknowns.time)
         original(preconditioner, matrix)
 
     monkeypatch.setattr(CondensedConstraints, "_condense", counted)
@@ -389,19 +391,19 @@ def test_dependent_directors_fail_on_all_ranks(comm, monkeypatch):
     other = simulation(braced, comm, monkeypatch)
     system = run.system
     begin_iteration(run, 1e-3)
-    kept = system.q1.copy()
-    beam = next(body for body in system.coordinates if isinstance(body, gx.Beam))
-    owned = system.block(beam).owned
+    kept = system.unknowns.q1.copy()
+    beam = next(body for body in system.unknowns.coordinates if isinstance(body, gx.Beam))
+    owned = system.unknowns.block(beam).owned
     if comm.rank == 0:
-        system.q1.array[owned.start + 3 : owned.start + 9] = 0.0
+        system.unknowns.q1.array[owned.start + 3 : owned.start + 9] = 0.0
     newton = run.solver.newton
-    A = system.assemble_tangent().A
+    A = system.matrices.assemble_tangent().A
     r, z = A.createVecs()
     r.setRandom()
     newton.ksp.setOperators(A)
     newton.ksp.solve(r, z)
     assert newton.ksp.getConvergedReason() < 0
-    kept.copy(system.q1)
+    kept.copy(system.unknowns.q1)
     linear.recover(newton._preconditioner)
     for each in (run, other):
         each.run(until=1e-3)

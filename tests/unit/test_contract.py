@@ -87,19 +87,19 @@ def swing(*items: object) -> gx.Simulation:
 def test_a_kind_that_overrides_nothing_changes_nothing() -> None:
     alone = swing()
     run = swing(IdleItem())
-    assert np.array_equal(run.system.q0.array_r, alone.system.q0.array_r)
+    assert np.array_equal(run.system.unknowns.q0.array_r, alone.system.unknowns.q0.array_r)
     assert run.totals.stored == alone.totals.stored
     assert run.totals.losses == alone.totals.losses == {}
     assert run.iterations == alone.iterations
-    assert run.system.K is None
+    assert run.system.matrices.K is None
 
 
 def test_names_of_methods_enrol_nothing() -> None:
     run = swing(IdleItem())
     run.history.commit()
     run.history.rollback()
-    [idle] = [kind for kind in run.system.compiled if isinstance(kind, Idle)]
-    [term] = [term for term in run.system.terms if isinstance(term, IdleTerm)]
+    [idle] = [kind for kind in run.system.equations.compiled if isinstance(kind, Idle)]
+    [term] = [term for term in run.system.unknowns.terms if isinstance(term, IdleTerm)]
     assert not isinstance(idle.helper, FACETS)
     assert idle.helper.calls == term.helper.calls == []
     saved = run.history.get_history()

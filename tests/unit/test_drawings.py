@@ -84,7 +84,7 @@ def test_panels_of_a_drawing_are_sewn(tmp_path: Path) -> None:
     film = gx.Membrane(mesh, LAW)
     seam = gx.Seam(film, "panel 1/rim", film, "panel 2/rim")
     assert abs(seam.ease) < 1e-9
-    assert len(seam.lines(gx.Equilibrium(gx.Scene(film)).system.initial)[0].nodes) > 10
+    assert len(seam.lines(gx.Equilibrium(gx.Scene(film)).system.unknowns.initial)[0].nodes) > 10
 
 
 def test_bad_drawings_are_refused(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ Deformable = gx.Membrane | gx.Cable | gx.Beam
 
 def coordinates(system: System, body: Deformable, seed: int) -> Array:
     """Displaced end coordinates of a body on this rank, the same motion on any number of ranks."""
-    x = system.q0.array_r[system.block(body).owned].reshape(-1, 3)
+    x = system.unknowns.q0.array_r[system.unknowns.block(body).owned].reshape(-1, 3)
     angles = x @ np.random.default_rng(seed).standard_normal((3, 3)) + seed
     return np.asarray((x + 1e-3 * np.sin(angles)).ravel())
 
@@ -46,11 +46,11 @@ def coordinates(system: System, body: Deformable, seed: int) -> Array:
 def deformed(body: Deformable, damping: gx.Damping, rule: StressRule) -> System:
     """A compiled damped body, whose strains ê at the points are not those of its coordinates."""
     system = gx.Scene(body, damping).compile(rule)
-    system.begin_step(1e-3)
-    end = system.q0.copy()
-    end.array[system.block(body).owned] = coordinates(system, body, seed=1)
-    system.set_end(end)
-    field = system.coordinates[body]
+    system.equations.begin_step(1e-3)
+    end = system.unknowns.q0.copy()
+    end.array[system.unknowns.block(body).owned] = coordinates(system, body, seed=1)
+    system.equations.set_end(end)
+    field = system.unknowns.coordinates[body]
     # Half of the geometric stiffness, so that the part of the tensile stresses counts at rest.
     field.γ.value = 0.5
     field.take(field.q1, coordinates(system, body, seed=2))
@@ -58,7 +58,7 @@ def deformed(body: Deformable, damping: gx.Damping, rule: StressRule) -> System:
 
 
 def energies_of(system: System) -> ElementEnergies:
-    (found,) = [kind for kind in system.compiled if isinstance(kind, ElementEnergies)]
+    (found,) = [kind for kind in system.equations.compiled if isinstance(kind, ElementEnergies)]
     return found
 
 
@@ -125,25 +125,26 @@ def test_shared_forms_are_the_sum_of_separate_ones(
     shared = energies.tangent_forms(body)
     assert len(shared) == form_count
     separate = [
-        ElementForms([element], system.coordinates[body], rule) for element in energies.elements
+        ElementForms([element], system.unknowns.coordinates[body], rule)
+        for element in energies.elements
     ]
     assert len(separate) > form_count
 
     # A beam has multipliers behind its coordinates.
-    owned = system.block(body).owned
+    owned = system.unknowns.block(body).owned
     z = np.sin(1e3 * coordinates(system, body, seed=3))
     expected = product([forms.tangent for forms in separate], z)
     assert_equal(product(shared, z), expected)
     # The tangent of the system, which gossamer_fx assembles into its own matrix.
-    A = system.numbering.matrix()
-    system.coordinates[body].assemble(A, shared, system.block(body))
+    A = system.unknowns.numbering.matrix()
+    system.unknowns.coordinates[body].assemble(A, shared, system.unknowns.block(body))
     A.assemble()
     right, left = A.createVecs()
     right.array[owned] = z
     A.mult(right, left)
     assert_equal(left.array_r[owned], expected)
 
-    r = system.numbering.vector()
+    r = system.unknowns.numbering.vector()
     energies.add_forces(r)
     assert_equal(r.array_r[owned], forces([forms.residual for forms in separate], len(z)))
 

@@ -78,8 +78,8 @@ def test_steps_are_those_of_a_factorisation(monkeypatch):
         simulation.run(until=5e-3)
     assert abs(run.energy_error) < 1e-9 * run.totals.energy
     assert run.totals.momentum == pytest.approx(start, abs=1e-9)
-    difference = run.system.q0.array_r - other.system.q0.array_r
-    assert np.linalg.norm(difference) < 1e-7 * np.linalg.norm(other.system.q0.array_r)
+    difference = run.system.unknowns.q0.array_r - other.system.unknowns.q0.array_r
+    assert np.linalg.norm(difference) < 1e-7 * np.linalg.norm(other.system.unknowns.q0.array_r)
     assert solver.linear_iterations < 8 * solver.all_iterations
 
 
@@ -106,8 +106,8 @@ def test_factors_are_kept_within_a_step_and_the_steps_stay_the_same(monkeypatch)
     assert set_ups[0] == every.solver.newton.all_iterations
     # A step begins with new factors.
     assert kept.step <= set_ups[1] <= 0.8 * set_ups[0]
-    difference = every.system.q0.array_r - kept.system.q0.array_r
-    assert np.linalg.norm(difference) < 1e-7 * np.linalg.norm(every.system.q0.array_r)
+    difference = every.system.unknowns.q0.array_r - kept.system.unknowns.q0.array_r
+    assert np.linalg.norm(difference) < 1e-7 * np.linalg.norm(every.system.unknowns.q0.array_r)
     assert kept.totals.energy == pytest.approx(every.totals.energy, rel=1e-9)
 
 
@@ -172,7 +172,7 @@ def test_one_application_solves_where_the_films_are_factorised_completely(comm, 
     run = run_iteratively(comm, monkeypatch)
     system = run.system
     begin_iteration(run, 1e-3)
-    A = system.tangent()
+    A = system.matrices.tangent()
     monkeypatch.setattr(eliminated_joints, "ILU_LEVELS", 1000)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     unknowns = other_unknowns(system)
@@ -310,7 +310,7 @@ def test_hinged_panels_are_eliminated_as_few_of_them_hold_the_film(comm):
     assert run.totals.kinetic == pytest.approx(other.totals.kinetic, rel=1e-8)
     for name, energy in other.totals.stored.items():
         assert run.totals.stored[name] == pytest.approx(energy, rel=1e-6, abs=1e-10)
-    assert run.system.q0.norm() == pytest.approx(other.system.q0.norm(), rel=1e-9)
+    assert run.system.unknowns.q0.norm() == pytest.approx(other.system.unknowns.q0.norm(), rel=1e-9)
 
 
 @pytest.mark.mpi

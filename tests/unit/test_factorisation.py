@@ -36,13 +36,13 @@ def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses, monkeypatch)
     enlarge = factorisation.enlarge
     monkeypatch.setattr(factorisation, "enlarge", lambda pc: attempts.append(1) or enlarge(pc))
     corrections = []
-    set_increment = run.system.set_increment
+    set_increment = run.system.equations.set_increment
 
     def recorded(w, point):
         corrections.append(w.norm())
         set_increment(w, point)
 
-    monkeypatch.setattr(run.system, "set_increment", recorded)
+    monkeypatch.setattr(run.system.equations, "set_increment", recorded)
     run.run(until=3e-3)
     assert abs(run.energy_error) < 1e-13
     # Divided among ranks the matrix may have workspace enough.
@@ -110,7 +110,7 @@ def test_modes_have_the_workspace_that_they_need(comm, turning, above):
     spin = 5.0
     equilibrium = gx.Equilibrium(ropes(comm, 64, spin))
     equilibrium.find()
-    x = comm.bcast(equilibrium.system.q0.array_r[12:15].copy())
+    x = comm.bcast(equilibrium.system.unknowns.q0.array_r[12:15].copy())
     length = float(np.linalg.norm(x)) - 0.1
     found = gx.analysis.modes(
         equilibrium, 3, spin=(0.0, 0.0, spin) if turning else (0.0, 0.0, 0.0), above=above

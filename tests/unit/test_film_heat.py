@@ -49,7 +49,7 @@ def balloon(
     supports = [gx.Fixed(film, "film")] if held else []
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12))
     run = gx.Simulation(gx.Scene(film, bag, cold, *supports), stepper, **options)
-    gas = run.system.scalar_unknowns[0]
+    gas = run.system.equations.scalar_unknowns[0]
     area = gas.geometry.area(cold.area)
     return SimpleNamespace(run=run, bag=run.chamber("bag"), area=area.aperture)
 
@@ -91,7 +91,10 @@ def test_the_gas_follows_a_temperature_that_changes():
     errors = []
     for dt in steps:
         one = balloon(
-            MPI.COMM_SELF, dt=dt, held=True, outside=lambda run: OUTSIDE + 200.0 * run.system.time
+            MPI.COMM_SELF,
+            dt=dt,
+            held=True,
+            outside=lambda run: OUTSIDE + 200.0 * run.system.unknowns.time,
         )
         τ = one.bag.mass * AIR.cv / (50.0 * one.area(0.0))
         one.run.run(until=0.2)

@@ -251,7 +251,7 @@ def test_chain_through_a_chamber_without_volume_to_speak_of():
 def test_scene_of_gas_alone_has_no_field():
     vessel = vessel_of(0.01, 1e5, 300.0)
     run, _ = start(vessel, gx.Orifice(vessel, gx.gas.Ambient(), area=1e-6), dt=0.1)
-    assert run.system.numbering.size == 0 and run.totals.kinetic == 0
+    assert run.system.unknowns.numbering.size == 0 and run.totals.kinetic == 0
     assert list(run.totals.stored) == ["chamber"]
 
 

@@ -41,7 +41,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
     bag = gx.Chamber(film, gas=AIR, pressure=10.0, temperature=300.0, dead_volume=1e-3)
     run = run_until(2e-3, bag, dt=1e-3)
     n = film.block.index_map.size_local
-    x = run.system.q0.array_r.reshape(-1, 3)
+    x = run.system.unknowns.q0.array_r.reshape(-1, 3)
     sides = [film.nodes("top"), film.nodes("bottom")]
     own = [side[side < n] for side in sides]
     sums = WORLD.allreduce(np.array([np.r_[x[side].sum(axis=0), len(side)] for side in own]))
@@ -114,24 +114,24 @@ def test_the_gas_follows_the_volume_as_its_coupling_says(scene) -> None:
     larger and smaller."""
     run = gx.Simulation(scene(), gx.Midpoint(dt=5e-3))
     system = run.system
-    border = system.scalar_unknowns[0]
-    y0 = system.begin_step(5e-3)
-    system.set_inertia(0.0)
-    δ = np.sin(1.3 * np.arange(system.numbering.size) + 0.4)
+    border = system.equations.scalar_unknowns[0]
+    y0 = system.equations.begin_step(5e-3)
+    system.equations.set_inertia(0.0)
+    δ = np.sin(1.3 * np.arange(system.unknowns.numbering.size) + 0.4)
 
     def gas(step: float) -> np.ndarray:
-        z = system.q0.copy()
-        r = system.q0.duplicate()
+        z = system.unknowns.q0.copy()
+        r = system.unknowns.q0.duplicate()
         z.array[:] += step * δ
-        system.set_end(z)
-        s = system.residual(y0, r)
+        system.equations.set_end(z)
+        s = system.equations.residual(y0, r)
         assert abs(s).max() < 1e-12  # it was solved at these volumes
         return border.y.copy()
 
     ε = 1e-5
     difference = (gas(ε) - gas(-ε)) / (2 * ε)
     gas(0.0)
-    _, rows, C = system.coupling()
+    _, rows, C = system.matrices.coupling()
     Hδ = np.array([0.0 if row is None else row @ δ for row in rows])
     assert np.linalg.solve(C, -Hδ) == pytest.approx(difference, rel=1e-6)
 
@@ -166,7 +166,7 @@ def open_cylinder(n: int, order: int = 1, **options) -> Simulation:
 @pytest.mark.mpi
 def test_a_ring_couples_few_nodes() -> None:
     """Entries of the tangent grow as the edges of the ring, not as their square."""
-    few, many = (open_cylinder(n).system.A.getInfo(3)["nz_used"] for n in (60, 240))
+    few, many = (open_cylinder(n).system.matrices.A.getInfo(3)["nz_used"] for n in (60, 240))
     assert many < 4.2 * few
 
 
@@ -197,17 +197,17 @@ def test_rings_of_even_and_odd_numbers_of_edges_close_a_volume(n: int, order: in
 def test_the_chamber_is_named_whose_gas_is_not_in_balance() -> None:
     """The mass of the second chamber's piston is beyond its bottom."""
     system = gx.Simulation(two_pistons(), gx.Midpoint(dt=5e-3)).system
-    y = system.begin_step(5e-3)
-    border = system.scalar_unknowns[0]
-    system.set_inertia(0.0)
-    z = system.q0.copy()
-    r = system.q0.duplicate()
-    system.set_end(z)
-    system.residual(y, r)
+    y = system.equations.begin_step(5e-3)
+    border = system.equations.scalar_unknowns[0]
+    system.equations.set_inertia(0.0)
+    z = system.unknowns.q0.copy()
+    r = system.unknowns.q0.duplicate()
+    system.equations.set_end(z)
+    system.equations.residual(y, r)
     assert border.unsolved() == ""
     z.array[3] -= 0.5
-    system.set_end(z)
-    system.residual(y, r)
+    system.equations.set_end(z)
+    system.equations.residual(y, r)
     assert re.match(
         r"the gas of 'chamber of 150000 Pa' is not in balance \(volume -0\.003 m³",
         border.unsolved(),
@@ -217,16 +217,16 @@ def test_the_chamber_is_named_whose_gas_is_not_in_balance() -> None:
 @pytest.mark.mpi
 def test_an_iterate_that_is_no_number_is_forgotten() -> None:
     system = open_cylinder(8).system
-    first = system.begin_step(1e-6)
-    system.set_inertia(0.0)
-    z = system.q0.copy()
-    r = system.q0.duplicate()
+    first = system.equations.begin_step(1e-6)
+    system.equations.set_inertia(0.0)
+    z = system.unknowns.q0.copy()
+    r = system.unknowns.q0.duplicate()
     z.set(np.nan)
-    system.set_end(z)
-    assert np.isnan(system.residual(first, r)).any()
-    assert system.begin_step(1e-6) == pytest.approx(first, rel=1e-14)
-    system.set_end(system.q0)
-    assert abs(system.residual(first, r)).max() < 1e-12
+    system.equations.set_end(z)
+    assert np.isnan(system.equations.residual(first, r)).any()
+    assert system.equations.begin_step(1e-6) == pytest.approx(first, rel=1e-14)
+    system.equations.set_end(system.unknowns.q0)
+    assert abs(system.equations.residual(first, r)).max() < 1e-12
 
 
 def test_an_attempt_takes_no_columns_of_one_that_failed(monkeypatch) -> None:

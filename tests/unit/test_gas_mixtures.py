@@ -77,7 +77,7 @@ def test_two_names_of_one_gas_are_the_gas():
         )
         run = run_of(*openings, dt=0.1)
         run.run(until=3.0)
-        return run.system.scalar_unknowns[0].size, [
+        return run.system.equations.scalar_unknowns[0].size, [
             (state.pressure, state.temperature, state.mass) for state in run.chambers.values()
         ]
 
@@ -100,7 +100,7 @@ def test_a_scene_of_one_gas_mixes_nothing(monkeypatch):
         gx.Orifice(a, b, area=3e-6), gx.Orifice(b, gx.gas.Ambient(), area=1e-6, name="leak"), dt=0.1
     )
     run.run(until=1.0)
-    assert run.system.scalar_unknowns[0].size == 4
+    assert run.system.equations.scalar_unknowns[0].size == 4
 
 
 def test_a_chamber_tracks_only_what_it_can_receive():
@@ -362,7 +362,7 @@ def test_hot_gas_into_cold_conserves_energy_and_its_slopes():
     run = run_of(gx.Orifice(a, b, area=3e-6), gx.gas.WallHeat(b, 1.0, temperature=280.0), dt=0.1)
     run.run(until=1.0)
     assert abs(run.energy_error) <= 1e-13
-    network = run.system.scalar_unknowns[0]
+    network = run.system.equations.scalar_unknowns[0]
     y = network.begin_step(0.1, 1.0)
     V = np.array([state.volume for state in run.chambers.values()])
     balance = network.balance

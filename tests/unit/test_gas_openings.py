@@ -234,7 +234,7 @@ def porous_sphere(comm, viscous=2e3, inertial=0.0, E=1e9, p=1.2e5, dt=2e-3, star
 
 def flat_area(run) -> float:
     """Area [m²] of the triangles of the only film of a scene on one rank, on the mesh."""
-    domain = run.system.bodies[0].mesh.domain
+    domain = run.system.unknowns.bodies[0].mesh.domain
     corners = domain.geometry.x[geometry_nodes(domain)]
     return float(np.linalg.norm(area_vectors(corners), axis=1).sum())
 
@@ -284,11 +284,11 @@ def test_the_leak_counts_the_deformed_area():
     run = porous_sphere(MPI.COMM_SELF, E=2e7, dt=1e-3, viscous=2e5)
     run.run(until=0.02)
     leak = next(item for item in run.scene.items if item.name == "leak")
-    area = run.system.scalar_unknowns[0].geometry.area(leak.area)
-    x = run.system.q0.array_r.reshape(-1, 3)
+    area = run.system.equations.scalar_unknowns[0].geometry.area(leak.area)
+    x = run.system.unknowns.q0.array_r.reshape(-1, 3)
     radius = np.linalg.norm(x, axis=1).mean()
     assert radius > 1.01 * RADIUS
-    triangles = x[cell_nodes(run.system.bodies[0].space)]
+    triangles = x[cell_nodes(run.system.unknowns.bodies[0].space)]
     stretched = float(np.linalg.norm(area_vectors(triangles), axis=1).sum())
     assert area.aperture(0.0) == pytest.approx(stretched, rel=1e-12)
 
@@ -454,7 +454,7 @@ def test_all_derivatives_of_a_balance_are_those_of_differences(items, h, other):
     a, b = tank(5e5, "a"), tank(2e5, "b", 0.02)
     c = gx.Tank(0.005, gas=other, pressure=1.99e5, temperature=320.0, name="c")
     run = run_of(*items(a, b, c), dt=h)
-    network = run.system.scalar_unknowns[0]
+    network = run.system.equations.scalar_unknowns[0]
     y = network.begin_step(h, h / 2)
     balance = network.balance
     n = len(network.chambers)
@@ -522,7 +522,7 @@ def test_flows_of_a_user_are_compiled_with_their_numbers():
         run.run(until=1.0)
         assert 1e5 < run.chamber("tank").pressure < 2e5
         assert abs(run.energy_error) <= 1e-13
-        laws = run.system.scalar_unknowns[0].balance._laws
+        laws = run.system.equations.scalar_unknowns[0].balance._laws
         assert derivatives in {law.derivatives for law in laws}
 
 

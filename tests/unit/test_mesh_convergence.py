@@ -84,7 +84,7 @@ def test_sizes_of_meshes(comm, folder):
 
     def area(mesh):
         film = gx.Membrane(mesh, gx.Linear(1e9, 0.3, density=1.0, thickness=1.0))
-        return gx.Scene(film).compile().M.getDiagonal().sum() / 3
+        return gx.Scene(film).compile().unknowns.M.getDiagonal().sum() / 3
 
     found = convergence(area, meshes=meshes, exact=1.0)
     assert found.sizes == pytest.approx([0.5, 0.25])

@@ -23,9 +23,9 @@ def test_hubs_and_joints_leave_blocks_of_three(comm, more):
     keep the energy."""
     run = hung_film(comm, 4, *more)
     system = run.system
-    assert system.A.getBlockSize() == 3
+    assert system.matrices.A.getBlockSize() == 3
     run.run(until=5e-3)
     assert abs(run.energy_error) < 1e-12 * run.totals.energy
-    unused = system.q0.array_r[system.numbering.unused]
+    unused = system.unknowns.q0.array_r[system.unknowns.numbering.unused]
     assert comm.allreduce(len(unused)) == len(more) - 1
     assert not unused.any()

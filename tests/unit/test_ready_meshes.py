@@ -63,7 +63,7 @@ def area(mesh: gx.Mesh, group: str = "film") -> float:
 def length(mesh: gx.Mesh, group: str) -> float:
     """Length [m] of a group of edges, as a cable along it has it."""
     film = gx.Membrane(mesh, LINEAR)
-    x = gx.Scene(film).compile().state.vectors(film.ports(group))
+    x = gx.Scene(film).compile().unknowns.state.vectors(film.ports(group))
     # Nodes of a ring about an axis, in the order of their angles.
     away = x - x.mean(axis=0)
     _, _, axes = np.linalg.svd(away)
@@ -116,7 +116,7 @@ def test_circles_and_gores_are_where_their_names_say(comm) -> None:
     shares = [area(envelope, f"gore {k}") for k in range(1, 7)]
     np.testing.assert_allclose(shares, np.mean(shares), rtol=1e-12)
     film = gx.Membrane(envelope, LINEAR)
-    state = gx.Scene(film).compile().state
+    state = gx.Scene(film).compile().unknowns.state
     seam = state.vectors(film.ports("seam 2"))
     # From pole to pole at an angle of 60 degrees.
     np.testing.assert_allclose(seam[:, 1], seam[:, 0] * math.sqrt(3), atol=1e-12)
@@ -148,8 +148,8 @@ def test_bulkheads_are_tied_to_their_rings(comm) -> None:
     )
     tie = gx.Tie(disc, tube, group_a="rim", group_b="ring 1")
     scene = at_rest(tube, disc, tie, gx.Fixed(tube, "first cap"), gx.Pressure(tube, 1e3))
-    rim = scene.system.state.vectors(disc.ports("rim"))
-    ring = scene.system.state.vectors(tube.ports("ring 1"))
+    rim = scene.system.unknowns.state.vectors(disc.ports("rim"))
+    ring = scene.system.unknowns.state.vectors(tube.ports("ring 1"))
     apart = np.linalg.norm(rim[:, None] - ring[None], axis=2).min(axis=1)
     assert apart.max() < 1e-12
     radii = np.hypot(ring[:, 1], ring[:, 2])
@@ -174,7 +174,7 @@ def test_edges_of_a_polygon_are_arcs_of_one_radius(comm) -> None:
         }
         errors.append(area(mesh) / exact - 1)
         film = gx.Membrane(mesh, LINEAR)
-        x = gx.Scene(film).compile().state.vectors(film.ports("edge 1"))
+        x = gx.Scene(film).compile().unknowns.state.vectors(film.ports("edge 1"))
         away = np.hypot(x[:, 0] - 0.5, x[:, 1] + radius - 0.1)
         np.testing.assert_allclose(away, radius, rtol=1e-9)
     assert 0 < errors[1] < 0.01

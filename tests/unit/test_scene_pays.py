@@ -40,12 +40,12 @@ run.run(until=2e-3)
 system = run.system
 print(json.dumps({
     "modules": sorted(sys.modules),
-    "unknowns": system.numbering.size,
-    "scalar unknowns": len(system.scalar_unknowns),
-    "compiled": sorted(type(terms).__name__ for terms in system.compiled),
-    "stiffness": system.K is not None,
-    "constraints": system.constraints is not None,
-    "searching": len(system.active_sets),
+    "unknowns": system.unknowns.numbering.size,
+    "scalar unknowns": len(system.equations.scalar_unknowns),
+    "compiled": sorted(type(terms).__name__ for terms in system.equations.compiled),
+    "stiffness": system.matrices.K is not None,
+    "constraints": system.equations.constraints is not None,
+    "searching": len(system.equations.active_sets),
 }))
 """
 

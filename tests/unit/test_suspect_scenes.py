@@ -174,7 +174,7 @@ def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
     load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, line_force))
     equilibrium = at_rest(plate, load, gx.Fixed(plate, "left", rotation=True))
     tip = plate.nodes("right")
-    return float(deflection / equilibrium.system.q0.array_r.reshape(-1, 3)[tip, 2].mean())
+    return float(deflection / equilibrium.system.unknowns.q0.array_r.reshape(-1, 3)[tip, 2].mean())
 
 
 @pytest.mark.parametrize(("aspect", "thickness"), [(1, 1e-2), (1, 1e-6), (30, 1e-5), (100, 1e-4)])

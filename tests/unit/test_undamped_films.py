@@ -44,10 +44,10 @@ def test_a_film_that_vibrates_is_named_once_with_the_remedy(comm, caplog) -> Non
     with caplog.at_level(logging.WARNING, "gossamer_fx"):
         run.run(until=1e-5)
     assert WORDS not in caplog.text
-    film = run.system.bodies[0]
+    film = run.system.unknowns.bodies[0]
     # As if it had been thrown: the velocities of a breathing vibration.
-    x = run.system.state[film].positions()
-    run.system.v0.array[:] = (40.0 * x / RADIUS).ravel()
+    x = run.system.unknowns.state[film].positions()
+    run.system.unknowns.v0.array[:] = (40.0 * x / RADIUS).ravel()
     with caplog.at_level(logging.WARNING, "gossamer_fx"):
         run.run(until=4e-5)
         run.run(until=5e-5)
@@ -69,10 +69,10 @@ def test_the_energy_at_rest_is_estimated_to_a_factor_of_three(comm) -> None:
 @pytest.mark.parametrize("damped", [False, True])
 def test_film_at_rest_or_with_damping_is_not_warned_of(comm, caplog, damped: bool) -> None:
     run = sphere(comm, 0.0 if damped else AT_REST, damped=damped)
-    film = run.system.bodies[0]
+    film = run.system.unknowns.bodies[0]
     if damped:
-        x = run.system.state[film].positions()
-        run.system.v0.array[:] = (40.0 * x / RADIUS).ravel()
+        x = run.system.unknowns.state[film].positions()
+        run.system.unknowns.v0.array[:] = (40.0 * x / RADIUS).ravel()
     with caplog.at_level(logging.WARNING, "gossamer_fx"):
         run.run(until=3e-5)
     assert WORDS not in caplog.text

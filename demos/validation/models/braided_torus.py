@@ -401,18 +401,18 @@ class Model:
 
     def line(self) -> Array:
         """Radius and height (2 n, 2) [m] of the centre line."""
-        state = self.search.system.state
+        state = self.search.system.unknowns.state
         centres = np.array([state.vector(section) for section in self.sections])
         return np.column_stack([np.hypot(centres[:, 0], centres[:, 1]), centres[:, 2]])
 
     def load(self) -> float:
         """Sum of the forces of all cables [N]."""
-        state = self.search.system.state
+        state = self.search.system.unknowns.state
         return sum(cable.tension(state.vector(cable.end)) for cable in self.cables)
 
     def hold_cables(self) -> None:
         """Give the cables their stiffness at the present state."""
-        state = self.search.system.state
+        state = self.search.system.unknowns.state
         for cable in self.cables:
             cable.hold(state.vector(cable.end))
 
@@ -653,7 +653,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         "waves at the largest load": Predicted(amplitudes(last)),
     }
     details = {
-        "unknowns": float(search.system.numbering.size),
+        "unknowns": float(search.system.unknowns.numbering.size),
         "iterations": float(effort.iterations),
         "seconds": effort.seconds,
         "shortening": shortening,

@@ -588,13 +588,13 @@ def bend(model: Model, tube: Tube, step: float) -> tuple[Array, Array, dict[str,
     lowered = 0.0
     while not deflections or deflections[-1] < tube.deflection:
         effort.add(search.find(at=lowered))
-        height = float(search.system.state.vector(model.middle)[2])
+        height = float(search.system.unknowns.state.vector(model.middle)[2])
         deflections.append(first_height - height)
         # Two loads, and half of the section of each is modelled.
         loads.append(-4 * float(search.reaction(model.load)[0][2]))
         lowered += step
     details = {
-        "unknowns": float(search.system.numbering.size),
+        "unknowns": float(search.system.unknowns.numbering.size),
         "iterations": float(effort.iterations),
         "seconds": effort.seconds,
     }

@@ -166,12 +166,12 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     while run.time < end_of_slip:
         run.run(until=run.time + DT)
         if run.time > averaged_from:
-            ends = [run.system.state.vector(port) for port in cell]
+            ends = [run.system.unknowns.state.vector(port) for port in cell]
             stretch = float(np.linalg.norm(ends[0] - ends[1])) / cell_length
             pulls.append(EA * (stretch**2 - 1) / 2 * stretch)
     details = {
         "scatter": float(np.std(pulls) / np.mean(pulls)),
-        "unknowns": float(run.system.numbering.size),
+        "unknowns": float(run.system.unknowns.numbering.size),
         "steps": float(run.step),
         "seconds": time.process_time() - begun,
     }

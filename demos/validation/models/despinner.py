@@ -129,7 +129,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
 
     def angle(run: Any) -> float:
         """Angle [rad] that the first cord has still to turn until it is radial at its knot."""
-        state = run.system.state
+        state = run.system.unknowns.state
         offset = state.vector(cords[0].tip.port()) - state.vector(cords[0].root)
         behind = -float(offset @ state.vector(across))
         return math.atan2(behind, float(offset @ state.vector(outwards)))
@@ -178,7 +178,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         "momentum_drift": abs(drift / momentum),
         "penetrations": float(series["penetrations"].max()),
         "steps": float(run.step),
-        "unknowns": float(run.system.numbering.size),
+        "unknowns": float(run.system.unknowns.numbering.size),
         "seconds": time.process_time() - begun,
     }
     return Prediction(quantities, details)

@@ -218,7 +218,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         "stored over work": (run.totals.energy - first.energy) / work,
         "dissipated over work": (run.totals.dissipated - first.dissipated) / work,
         "energy error": run.energy_error,
-        "unknowns": float(run.system.numbering.size),
+        "unknowns": float(run.system.unknowns.numbering.size),
         "steps": float(run.step),
         "seconds": time.process_time() - begun,
     }

@@ -99,7 +99,7 @@ class Bulge:
         self._centre = film.port(centre)
         self._search = gx.Equilibrium(scene)
         self.effort = Effort()
-        self.unknowns = self._search.system.numbering.size
+        self.unknowns = self._search.system.unknowns.numbering.size
 
     def heights(self, pressures: Array) -> Array:
         """Heights (n,) [m] of the centre under pressures (n,) [Pa], each found from the one
@@ -107,12 +107,12 @@ class Bulge:
         found = []
         for pressure in pressures.tolist():
             self.effort.add(self._search.find(at=pressure))
-            found.append(float(self._search.system.state.vector(self._centre)[2]))
+            found.append(float(self._search.system.unknowns.state.vector(self._centre)[2]))
         return np.array(found)
 
     def displacements(self, points: Array) -> Array:
         """Displacements (n, 3) [m] of points (n, 3) of the flat film in the state found last."""
-        state = self._search.system.state
+        state = self._search.system.unknowns.state
         ports = [self._film.port_at(point) for point in points.tolist()]
         return np.array([state.vector(port) for port in ports]) - points
 

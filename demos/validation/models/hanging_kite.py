@@ -398,7 +398,7 @@ class Hanging:
         if inward:
             self._pull_tips(inward)
         self._search = gx.Equilibrium(gx.Scene(*self._items), SEARCH)
-        self.unknowns = self._search.system.numbering.size
+        self.unknowns = self._search.system.unknowns.numbering.size
 
     def _pull_tips(self, inward: float) -> None:
         """Add the forces [N] that pull the tips together, which end at 1 s."""
@@ -415,7 +415,7 @@ class Hanging:
 
     def position(self, node: int) -> Array:
         """Present position [m] of a node of the kite."""
-        return np.asarray(self._search.system.state.vector(self._ports[node]))
+        return np.asarray(self._search.system.unknowns.state.vector(self._ports[node]))
 
     def distance(self, first: int, second: int) -> float:
         """Present distance [m] between two nodes of the kite."""
@@ -428,7 +428,7 @@ class Hanging:
         ends = []
         for end in ("start", "end"):
             frame = tube.beam.frame(end)
-            d2, d3 = self._search.system.state.vectors(frame.directors[-2:])
+            d2, d3 = self._search.system.unknowns.state.vectors(frame.directors[-2:])
             ends.append(np.cross(d2, d3))
         # A strut of several parts is not straight from the beginning.
         corners = np.array([self.kite.points[node] for node in tube.nodes])
@@ -472,7 +472,7 @@ class Hanging:
         for end in ("start", "end"):
             directors = tube.beam.frame(end).directors[-2:]
             before.append(_axes(*(director.initial() for director in directors)))
-            after.append(_axes(*self._search.system.state.vectors(directors)))
+            after.append(_axes(*self._search.system.unknowns.state.vectors(directors)))
         return twist_between(before, after) / self.kite.length(tube)
 
     # ---- parts -----------------------------------------------------------------------------------

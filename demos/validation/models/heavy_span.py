@@ -87,6 +87,6 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     scene = gx.Scene(body, *supports, gx.Gravity(body, (0.0, 0.0, -gravity)))
     search = gx.Equilibrium(scene)
     search.find()
-    middle = search.system.state.vector(body.port_at((length / 2, 0.0, 0.0)))
+    middle = search.system.unknowns.state.vector(body.port_at((length / 2, 0.0, 0.0)))
     details = {"seconds": time.process_time() - begun}
     return Prediction({"sag": Predicted(-float(middle[2]))}, details)

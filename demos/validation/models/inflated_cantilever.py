@@ -42,7 +42,7 @@ from gossamer_fx.extend import check
 from gossamer_fx.records.fields.film_states import STATES
 
 # Cells over half of the section.
-CELLS_AROUND = 8
+CELLS_AROUND = 12
 QUICK_CELLS_AROUND = 6
 
 # Steps of the deflection of the tip over the length of the tube.
@@ -145,7 +145,7 @@ class Bending:
         zone = END_ZONE * tube.radius
         self._counted = (zone / λ_L, (tube.length - zone) / λ_L)
         self.effort = Effort()
-        self.unknowns = self._search.system.numbering.size
+        self.unknowns = self._search.system.unknowns.numbering.size
 
     def load(self, deflection: float) -> float:
         """The load of the whole tube [N] at a deflection of the tip [m], from the present state."""

@@ -97,7 +97,7 @@ class LoadedBeam:
             load = gx.loads.Torque(beam.frame("end"), self.vector)
         search = gx.Equilibrium(gx.Scene(beam, gx.Fixed(beam, "start", rotation=True), load))
         search.find()
-        return end.initial(), search.system.state.vector(end)
+        return end.initial(), search.system.unknowns.state.vector(end)
 
 
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:

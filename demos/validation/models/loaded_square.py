@@ -112,10 +112,10 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     search = gx.Equilibrium(scene)
     search.find()
     corner = film.port_at(pulled)
-    moved = search.system.state.vector(corner) - corner.initial()
+    moved = search.system.unknowns.state.vector(corner) - corner.initial()
     quantities = {"ux": Predicted(float(moved[0])), "uy": Predicted(float(moved[1]))}
     details = {
-        "unknowns": float(search.system.numbering.size),
+        "unknowns": float(search.system.unknowns.numbering.size),
         "seconds": time.process_time() - begun,
     }
     return Prediction(quantities, details)

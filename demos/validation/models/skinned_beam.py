@@ -195,7 +195,7 @@ class LoadedWing:
         self._edges = [ribs[-1].port_at((x, edge, 0.0)) for edge in (0.0, wing.chord)]
         self._chord = wing.chord
         self.effort = Effort()
-        self.unknowns = self._search.system.numbering.size
+        self.unknowns = self._search.system.unknowns.numbering.size
 
     @staticmethod
     def _skin(
@@ -217,7 +217,7 @@ class LoadedWing:
     def under(self, mass: float) -> tuple[float, float]:
         """Height of the tip [m] and its twist [rad], trailing edge downwards, under a mass [kg]."""
         self.effort.add(self._search.find(at=mass))
-        state = self._search.system.state
+        state = self._search.system.unknowns.state
         height = float(state.vector(self._tip)[2])
         front, back = (float(state.vector(port)[2]) for port in self._edges)
         return height, math.asin((front - back) / self._chord)

@@ -282,7 +282,7 @@ class FoldedTape:
             self.plate, "right", rotation=True, direction=direction, motion=turned, name="end"
         )
         self._search = gx.Equilibrium(gx.Scene(self.plate, middle, self._end), SEARCH)
-        self.unknowns = self._search.system.numbering.size
+        self.unknowns = self._search.system.unknowns.numbering.size
         self.effort = Effort()
 
     def solve(self) -> float:

@@ -68,7 +68,7 @@ class TurningBody:
         found = []
         for t in times.tolist():
             run.run(until=t)
-            columns = [run.system.state.vector(director) for director in directors]
+            columns = [run.system.unknowns.state.vector(director) for director in directors]
             attitude = np.stack(columns, axis=1)
             found.append(attitude)
         return np.array(found)

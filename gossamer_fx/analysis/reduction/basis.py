@@ -99,7 +99,7 @@ class Snapshots:
 
     def open(self, run: StateView) -> None:
         check(
-            self.body in run.system.bodies,
+            self.body in run.system.unknowns.bodies,
             f"Snapshots: '{self.body.name}' is not in the scene; give one of its films.",
         )
         self.positions.clear()
@@ -108,7 +108,7 @@ class Snapshots:
         # Shapes follow steps or given times, and no interval.
         if self.schedule.due(run.step, run.time, last, since=None):
             # a copy: the state changes in place
-            self.positions.append(run.system.state[self.body].positions().copy())
+            self.positions.append(run.system.unknowns.state[self.body].positions().copy())
 
     def close(self, run: StateView) -> None:
         """Do nothing: the shapes stay in memory."""

@@ -82,7 +82,7 @@ class OutsideBasis:
         if self._estimate is None:
             self._estimate = _Estimate(film)
         # Rank 0 has the coefficients (r, 3), the others none.
-        own = run.system.state[film].coordinates().reshape(-1, 3)
+        own = run.system.unknowns.state[film].coordinates().reshape(-1, 3)
         return self._estimate(film.comm.bcast(own.copy()))
 
 

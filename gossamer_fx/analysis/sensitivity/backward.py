@@ -78,6 +78,7 @@ from gossamer_fx.analysis.sensitivity.tape import RecordedState, RunTape
 from gossamer_fx.core.checks.errors import InputError, StepFailure, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.system.residual_sizes import out_of_balance
 from gossamer_fx.solve.system.system import System
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ class BackwardSteps:
     def __init__(self, tape: RunTape) -> None:
         self._tape = tape
         self._system: System = tape.system
-        numbering = self._system.numbering
+        numbering = self._system.unknowns.numbering
         self.μ = numbering.vector()
         self.inertia = numbering.vector()
         self.residual = 0.0
@@ -172,7 +173,9 @@ class BackwardSteps:
         self._Bμ = numbering.vector()
         self._scratch = numbering.vector()
         self._solver: TransposedSolver | None = None
-        self._irreversible = [one for one in self._system.differentiable if not one.reversible]
+        self._irreversible = [
+            one for one in self._system.equations.differentiable if not one.reversible
+        ]
         # Only what such forces need.
         self._by_position = numbering.vector() if self._irreversible else None
         self._by_velocity = numbering.vector() if self._irreversible else None
@@ -181,13 +184,13 @@ class BackwardSteps:
     def start(self) -> None:
         """Begin a new pass from the last step to the first."""
         self.scalars.start()
-        for compiled in self._system.differentiable:
+        for compiled in self._system.equations.differentiable:
             compiled.start_adjoint()
 
     def add_energy_by_history(self, share: float) -> None:
         """Add a share of the derivative of the stored energy by history variables; the system
         stands in the state.  Collective."""
-        for compiled in self._system.differentiable:
+        for compiled in self._system.equations.differentiable:
             compiled.add_energy_by_history(share)
 
     # ---- the step itself -------------------------------------------------------------------------
@@ -198,31 +201,31 @@ class BackwardSteps:
         system = self._system
         h = end.h
         self._tape.restore(start)
-        y = system.begin_recorded_step(h, end.active_sets)
-        for scalars, history in zip(system.scalar_unknowns, end.scalars, strict=True):
+        y = system.equations.begin_recorded_step(h, end.active_sets)
+        for scalars, history in zip(system.equations.scalar_unknowns, end.scalars, strict=True):
             if not scalars.repeats(history):
                 raise StepFailure(
                     f"gradient: the step from t = {start.time:.9g} s cannot be repeated: a valve "
                     "that an event opened or closed has no gradient."
                 )
-        system.set_inertia(2 / h**2)
+        system.equations.set_inertia(2 / h**2)
         self._end_at(start, end)
         # On several ranks pairs of contact are not recorded but searched for, about the predicted
         # step: those that only its end has are added here.
-        while system.extend_active_set():
+        while system.equations.extend_active_set():
             self._end_at(start, end)
-        system.residual(y, self._scratch)
+        system.equations.residual(y, self._scratch)
         self._check_residual(start, end)
 
     def _end_at(self, start: RecordedState, end: RecordedState) -> None:
         """Set q1 to the end of a step, by the increment from its prediction, and `inertia`.  What
         earlier steps have left of round-off in the increment is dropped."""
         system = self._system
-        system.increment.remainder.set(0.0)
+        system.unknowns.increment.remainder.set(0.0)
         self._right_side.array[:] = end.h * start.v
-        system.predict(self._right_side)
+        system.equations.predict(self._right_side)
         self._right_side.array[:] = end.q - start.q - end.h * start.v
-        system.set_increment(self._right_side, None)
+        system.equations.set_increment(self._right_side, None)
         self.inertia.array[:] = 2 / end.h**2 * self._right_side.array_r
 
     def _check_residual(self, start: RecordedState, end: RecordedState) -> None:
@@ -230,10 +233,10 @@ class BackwardSteps:
         `MAX_RESIDUAL` of its momenta over its length, as after an event that changed the scene.
         Keeps the largest ratio in `residual`.  Collective."""
         system = self._system
-        forces, _ = system.imbalance(self._scratch)
+        forces, _ = out_of_balance(system.equations, self._scratch)
         # The change of momentum alone would be no scale for a step without any: both are added.
         self._right_side.array[:] = abs(end.v - start.v) + abs(end.v) + abs(start.v)
-        system.M.mult(self._right_side, self._Mμ)
+        system.unknowns.M.mult(self._right_side, self._Mμ)
         scale = float(self._Mμ.norm()) / end.h
         self.residual = max(self.residual, forces / max(scale, TINY))
         if forces > MAX_RESIDUAL * max(scale, TINY):
@@ -251,14 +254,14 @@ class BackwardSteps:
         times its unit, are a and b; history variables of later steps add to `a`.  Collective."""
         system = self._system
         self.repeat(start, end)
-        for compiled in system.differentiable:
+        for compiled in system.equations.differentiable:
             compiled.add_end_derivatives(a)
-        A = system.tangent()
+        A = system.matrices.tangent()
         if self._solver is None:
             self._solver = TransposedSolver(A)
         self._solver.factorise(A)
         self._right_side.waxpy(2 / end.h, b, a)
-        self._right_side.array[system.supports.held] = 0
+        self._right_side.array[system.unknowns.supports.held] = 0
         self._solver.solve(self._right_side, self.μ)
         if self.scalars.size:
             self._solve_with_scalars(end.h)
@@ -269,7 +272,7 @@ class BackwardSteps:
         assert self._solver is not None
         system = self._system
         scalars = self.scalars
-        G, H, C = system.coupling()
+        G, H, C = system.matrices.coupling()
         # Z = A⁻ᵀ H, of which zero columns need no solve.
         Z = np.zeros((scalars.size, len(self.μ.array_r)))
         for k, column in enumerate(H):
@@ -290,7 +293,7 @@ class BackwardSteps:
         system = self._system
         h = end.h
         c = 2 / h**2
-        system.M.mult(self.μ, self._Mμ)
+        system.unknowns.M.mult(self.μ, self._Mμ)
         # Before the step is reversed: these derivatives are those of the solved step.
         by_position, by_velocity = self._irreversible_products()
         self._multiply_by_reversed(start, end)
@@ -323,9 +326,9 @@ class BackwardSteps:
 
     def clear(self, vector: PETSc.Vec) -> None:
         """Set the entries of fixed coordinates and of multipliers to zero."""
-        vector.array[self._system.supports.held] = 0
-        if self._system.constraints:
-            vector.array[self._system.constraints.owned] = 0
+        vector.array[self._system.unknowns.supports.held] = 0
+        if self._system.equations.constraints:
+            vector.array[self._system.equations.constraints.owned] = 0
 
     def _multiply_by_reversed(self, start: RecordedState, end: RecordedState) -> None:
         """Set Bμ = Bᵀ μ, by the tangent of the reversed step."""
@@ -334,7 +337,7 @@ class BackwardSteps:
         self.μ.copy(μ)
         self.clear(μ)
         # A product needs no sum of the matrices that contact couples.
-        self._system.assemble_tangent().mult_transpose(μ, self._Bμ)
+        self._system.matrices.assemble_tangent().mult_transpose(μ, self._Bμ)
 
     def reverse(self, start: RecordedState, end: RecordedState) -> None:
         """Make the system stand at the end of the reversed step: it starts at q1 and ends at q0.
@@ -342,12 +345,12 @@ class BackwardSteps:
         system = self._system
         # The pairs of contact stay, which accepting another start would forget.
         system.reverse_step(end.q, -end.v, end.time, self._with_multipliers_of(start, end))
-        system.set_inertia(0.0)
+        system.equations.set_inertia(0.0)
 
     def _with_multipliers_of(self, start: RecordedState, end: RecordedState) -> Array:
         """The coordinates of the start with the multipliers of the step."""
         q = np.array(start.q)
-        constraints = self._system.constraints
+        constraints = self._system.equations.constraints
         if constraints:
             q[constraints.owned] = end.q[constraints.owned]
         return q
@@ -360,7 +363,7 @@ class ScalarParts:
     def __init__(self, system: System) -> None:
         self.parts: list[GasAdjoint] = []
         self._sizes: list[int] = []
-        for scalars in system.scalar_unknowns:
+        for scalars in system.equations.scalar_unknowns:
             adjoint = scalars.adjoint()
             check(
                 adjoint is not None,

@@ -23,10 +23,10 @@ from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import chamber_states
 
 if TYPE_CHECKING:
     # A scene without gas does not load it.
-    from gossamer_fx.mechanics.gas.contract import ChamberState
     from gossamer_fx.mechanics.gas.volumes import Chamber
 
 
@@ -88,15 +88,15 @@ class Integral:
         """The forms of the integral and of its derivative, which read the present positions;
         compiled at the first use.  Collective."""
         check(
-            self.body in system.bodies,
+            self.body in system.unknowns.bodies,
             f"Integral: '{self.body.name}' is not in the scene; add it.",
         )
         if self._compiled is None:
             form = self._form(self._q)
             derivative = ufl.derivative(form, self._q, ufl.TestFunction(self.body.space))
             self._compiled = compile_form(form), compile_form(derivative)
-        owned = system.q0.array_r[system.block(self.body).owned]
-        system.coordinates[self.body].take(self._q, owned)
+        owned = system.unknowns.q0.array_r[system.unknowns.block(self.body).owned]
+        system.unknowns.coordinates[self.body].take(self._q, owned)
         return self._compiled
 
     def __call__(self, run: HasSystem) -> float:
@@ -114,12 +114,12 @@ class Integral:
         fem.assemble_vector(b.array, derivative)
         b.scatter_reverse(la.InsertMode.add)
         with by_position as values:
-            owned = system.block(self.body).owned
-            system.coordinates[self.body].add_forces(b.array, values[owned])
+            owned = system.unknowns.block(self.body).owned
+            system.unknowns.coordinates[self.body].add_forces(b.array, values[owned])
 
     def forms(self, system: System) -> list[ufl.Form]:
         """The integral at the end of a step."""
-        return [self._form(system.coordinates[self.body].q1)]
+        return [self._form(system.unknowns.coordinates[self.body].q1)]
 
 
 @check_arguments
@@ -175,10 +175,10 @@ class Rate:
 
     def __call__(self, run: HasSystem) -> float:
         system = run.system
-        by_position = system.numbering.vector()
-        by_velocity = system.numbering.vector()
+        by_position = system.unknowns.numbering.vector()
+        by_velocity = system.unknowns.numbering.vector()
         self.of.add_derivative(system, by_position, by_velocity)
-        rate = float(by_position.dot(system.v0))
+        rate = float(by_position.dot(system.unknowns.v0))
         by_position.destroy()
         by_velocity.destroy()
         return rate
@@ -198,7 +198,7 @@ class Energy:
     unit = "J"
 
     def __call__(self, run: HasSystem) -> float:
-        totals = run.system.totals()
+        totals = run.system.balance.totals()
         return float(totals.kinetic + sum(totals.stored.values()))
 
     def add_derivative(
@@ -206,19 +206,19 @@ class Energy:
     ) -> None:
         """Add ψ'(q) [N], the forces of stored energies in a step of no length, and M v [kg m/s].
         The internal energy U(p V, m) of a chamber adds p ∂U/∂(pV) ∂V/∂q."""
-        forces = system.stored_forces()
+        forces = system.equations.stored_forces()
         by_position.axpy(1.0, forces)
         with by_position as values:
-            for gas in chambers_of(system):
+            for gas in chamber_states(system).values():
                 if gas.enclosure is not None:
                     values += gas.pressure * gas.heat_factor * gas.enclosure.of_volume
-        momenta = system.numbering.vector()
-        system.M.mult(system.v0, momenta)
+        momenta = system.unknowns.numbering.vector()
+        system.unknowns.M.mult(system.unknowns.v0, momenta)
         by_velocity.axpy(1.0, momenta)
 
     def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
         """Add the derivatives of U by the pressure and the masses of each chamber."""
-        chambers = chambers_of(system)
+        chambers = list(chamber_states(system).values())
         # The masses of all species follow the pressures.
         start = len(chambers)
         for k, gas in enumerate(chambers):
@@ -231,19 +231,10 @@ class Energy:
         """The stored energy as forms; `TransientGradients` adds what the kinetic energy depends on
         by the masses."""
         found = []
-        for compiled in system.differentiable:
-            for body in system.coordinates:
+        for compiled in system.equations.differentiable:
+            for body in system.unknowns.coordinates:
                 found += compiled.energy_forms(body)
         return found
-
-
-def chambers_of(system: System) -> list[ChamberState]:
-    """The gas of all chambers in the order of the scalar unknowns, of which the pressures are the
-    first."""
-    found: list[ChamberState] = []
-    for scalars in system.scalar_unknowns:
-        found += scalars.states().values()
-    return found
 
 
 @check_arguments
@@ -328,7 +319,7 @@ class Functional:
 
     Example:
         >>> highest = gx.analysis.Functional(
-        ...     lambda run: run.system.state[mass].positions()[0, 2],
+        ...     lambda run: run.system.unknowns.state[mass].positions()[0, 2],
         ...     lambda run: {mass: np.array([0.0, 0.0, 1.0])},
         ...     unit="m",
         ... )
@@ -357,7 +348,7 @@ class Functional:
         found = self._derivative(SceneView(system))
         with by_position as values:
             for body, by_coordinates in found.items():
-                owned = system.block(body).owned
+                owned = system.unknowns.block(body).owned
                 given = np.ravel(np.asarray(by_coordinates, dtype=float))
                 check(
                     len(given) == owned.stop - owned.start,
@@ -394,13 +385,13 @@ class ChamberPressure:
 
     def _index(self, system: System) -> int:
         """Index of this pressure among the scalar unknowns, of which pressures are the first."""
-        for k, gas in enumerate(chambers_of(system)):
+        for k, gas in enumerate(chamber_states(system).values()):
             if gas.chamber is self.chamber:
                 return k
         raise InputError(f"ChamberPressure: '{self.chamber.name}' is not in the scene; add it.")
 
     def __call__(self, run: HasSystem) -> float:
-        return float(chambers_of(run.system)[self._index(run.system)].pressure)
+        return float(list(chamber_states(run.system).values())[self._index(run.system)].pressure)
 
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec

@@ -25,7 +25,6 @@ from gossamer_fx.analysis.sensitivity.objectives import (
     FormObjective,
     Objective,
     ScalarObjective,
-    chambers_of,
 )
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.static_solver import StaticSolver
@@ -42,6 +41,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector
 from gossamer_fx.records.probes.points import AXES, Position
 from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import chamber_states
 
 # Work of a change of a parameter on a free motion, over that of its parts with random signs, up to
 # which it is round-off.
@@ -105,10 +105,10 @@ def point_stiffness(
     unit = np.asarray(direction, dtype=float)
     length = float(np.linalg.norm(unit))
     check(length > 0, "point_stiffness: the direction is zero; give that of the force.")
-    of_unknowns = equilibrium.system.numbering.vector()
+    of_unknowns = equilibrium.system.unknowns.numbering.vector()
     for axis, component in zip(AXES, unit / length, strict=True):
         if component:
-            row = equilibrium.system.numbering.vector()
+            row = equilibrium.system.unknowns.numbering.vector()
             Position(port, axis).add_derivative(equilibrium.system, row, row)
             of_unknowns.axpy(component, row)
             row.destroy()
@@ -124,7 +124,7 @@ class StaticAdjoint:
 
     def __init__(self, equilibrium: SolvedEquilibrium, what: str) -> None:
         """`what` is the public function that needs it, for messages."""
-        for scalars in equilibrium.system.scalar_unknowns:
+        for scalars in equilibrium.system.equations.scalar_unknowns:
             check(
                 scalars.is_closed,
                 f"{what}: "
@@ -136,19 +136,21 @@ class StaticAdjoint:
         self._system = equilibrium.system
         self._solver = StaticSolver(self._system)
         self._gas: list[tuple[Array, float]] = []
-        self._λ = self._system.numbering.vector()
+        self._λ = self._system.unknowns.numbering.vector()
 
     def factorise(self) -> None:
         """Take the tangent of the present equilibrium.  Collective."""
         self._equilibrium.need(self._what)
         system = self._system
-        system.set_end(system.q0)
-        system.set_inertia(0.0)
+        system.equations.set_end(system.unknowns.q0)
+        system.equations.set_inertia(0.0)
         # Gradients g (n,) [m²] of the volumes and stiffnesses κ [Pa/m³] of the gas; pressures do
         # not change with coordinates that are held.
-        self._gas = [pair for s in system.scalar_unknowns for pair in s.static_stiffness()]
+        self._gas = [
+            pair for s in system.equations.scalar_unknowns for pair in s.static_stiffness()
+        ]
         for gradient, _ in self._gas:
-            gradient[system.supports.held] = 0.0
+            gradient[system.unknowns.supports.held] = 0.0
         self._solver.factorise(self._equilibrium.is_known_regular, self._gas)
 
     def solve(self, by_position: PETSc.Vec, result: str) -> PETSc.Vec:
@@ -156,7 +158,7 @@ class StaticAdjoint:
         coordinates are set to zero; the next call overwrites λ.  `InputError` if the result depends
         on motions that nothing resists.  Collective."""
         # Fixed coordinates do not follow; their rows and columns of K are those of the identity.
-        by_position.array[self._system.supports.held] = 0
+        by_position.array[self._system.unknowns.supports.held] = 0
         is_solved = self._solver.solve(by_position, self._λ)
         check(
             is_solved,
@@ -174,7 +176,9 @@ class StaticGradients(StaticAdjoint):
         super().__init__(equilibrium, "gradient")
         system = self._system
         check(
-            not (system.scalar_unknowns and any(name.endswith(f".{SHAPE}") for name in by)),
+            not (
+                system.equations.scalar_unknowns and any(name.endswith(f".{SHAPE}") for name in by)
+            ),
             "gradient: the amount of gas in a chamber depends on the shape of its film; "
             "give the pressure as Pressure, or leave the shape out.",
         )
@@ -184,8 +188,8 @@ class StaticGradients(StaticAdjoint):
         self._notes: tuple[str, ...] = ()
         # By the identity of the result; one list for each variable.
         self._explicit: dict[int, list[list[FormDerivative]]] = {}
-        self._by_position = system.numbering.vector()
-        self._by_velocity = system.numbering.vector()
+        self._by_position = system.unknowns.numbering.vector()
+        self._by_velocity = system.unknowns.numbering.vector()
 
     def factorise(self) -> None:
         """Take the tangent of the present equilibrium.  `InputError` if a change of one of the
@@ -256,9 +260,11 @@ class StaticGradients(StaticAdjoint):
         if not (self._gas and isinstance(objective, ScalarObjective)):
             return
         system = self._system
-        by_scalars = np.zeros(system.scalar_count)
+        by_scalars = np.zeros(system.matrices.scalar_count)
         objective.add_scalar_derivative(system, by_scalars)
-        enclosed = [k for k, gas in enumerate(chambers_of(system)) if gas.enclosure is not None]
+        enclosed = [
+            k for k, gas in enumerate(chamber_states(system).values()) if gas.enclosure is not None
+        ]
         for k, (gradient, stiffness) in zip(enclosed, self._gas, strict=True):
             self._by_position.array[:] -= by_scalars[k] * stiffness * gradient
 

@@ -62,8 +62,8 @@ class StaticSolver:
         self._of_regular: TransposedSolver | None = None
         self._of_shifted: TransposedSolver | None = None
         self._M: PETSc.Mat | None = None
-        self._residual = system.numbering.vector()
-        self._correction = system.numbering.vector()
+        self._residual = system.unknowns.numbering.vector()
+        self._correction = system.unknowns.numbering.vector()
 
     def factorise(self, is_regular: bool, gas: Sequence[tuple[Array, float]]) -> None:
         """Take the tangent of the system, which has no inertia and is in equilibrium.
@@ -79,7 +79,7 @@ class StaticSolver:
         Collective.
         """
         system = self._system
-        self._K = system.tangent()
+        self._K = system.matrices.tangent()
         self._gas = gas
         self._rows = self._K.norm(PETSc.NormType.INFINITY)
         self._shift = 0.0
@@ -90,8 +90,8 @@ class StaticSolver:
             self._solver.factorise(self._K)
             return
         if self._M is None:
-            self._M = system.M.copy()
-            system.supports.clear(self._M, 0.0)
+            self._M = system.unknowns.M.copy()
+            system.unknowns.supports.clear(self._M, 0.0)
         self._shift = SHIFT_RATIO * self._K.norm() / (self._M.norm() or 1.0)
         shifted = self._K.copy()
         shifted.axpy(self._shift, self._M, DIFFERENT_PATTERN)

@@ -149,9 +149,13 @@ class RunTape:
     def restore(self, state: RecordedState) -> None:
         """Make a recorded state that of the system.  Collective."""
         self.system.restore(state.q, state.v, state.time)
-        for compiled, saved in zip(self.system.differentiable, state.histories, strict=True):
+        for compiled, saved in zip(
+            self.system.equations.differentiable, state.histories, strict=True
+        ):
             compiled.load_history(saved)
-        for scalars, history in zip(self.system.scalar_unknowns, state.scalars, strict=True):
+        for scalars, history in zip(
+            self.system.equations.scalar_unknowns, state.scalars, strict=True
+        ):
             scalars.set_history(history)
 
     def _present(self, index: int, h: float) -> RecordedState:
@@ -159,18 +163,18 @@ class RunTape:
         system = self.system
         active_sets = []
         if h > 0:
-            active_sets = [compiled.save_active_set() for compiled in system.active_sets]
-        q = np.array(system.q0.array_r)
-        v = np.array(system.v0.array_r)
-        histories = [compiled.save_history() for compiled in system.differentiable]
+            active_sets = [compiled.save_active_set() for compiled in system.equations.active_sets]
+        q = np.array(system.unknowns.q0.array_r)
+        v = np.array(system.unknowns.v0.array_r)
+        histories = [compiled.save_history() for compiled in system.equations.differentiable]
         return RecordedState(
             index=index,
-            time=system.time,
+            time=system.unknowns.time,
             h=h,
             q=q,
             v=v,
             histories=histories,
-            scalars=[scalars.get_history() for scalars in system.scalar_unknowns],
+            scalars=[scalars.get_history() for scalars in system.equations.scalar_unknowns],
             active_sets=active_sets,
             bytes=_bytes_of([q, v, histories, active_sets]),
         )
@@ -178,19 +182,19 @@ class RunTape:
     def _record(self) -> None:
         """Add the step that was accepted; called by the system on all ranks."""
         system = self.system
-        start = system.time - system.h
+        start = system.unknowns.time - system.unknowns.h
         # A step that starts before the last state replaces steps that were undone.
-        while self.steps and self._times[-1] > start + system.h / 2:
+        while self.steps and self._times[-1] > start + system.unknowns.h / 2:
             self._times.pop()
             self._lengths.pop()
         while self.states[-1].index > self.steps:
             self._drop_last()
-        self._lengths.append(system.h)
-        self._times.append(system.time)
+        self._lengths.append(system.unknowns.h)
+        self._times.append(system.unknowns.time)
         # The last state stays in any case, as the end of the run so far.
         if self.states[-1].index % self.stride:
             self._drop_last()
-        state = self._present(self.steps, system.h)
+        state = self._present(self.steps, system.unknowns.h)
         self.states.append(state)
         self.bytes += state.bytes
         if self._is_over(self.memory):
@@ -273,15 +277,15 @@ class RunTape:
         Collective."""
         system = self.system
         recorders = system.recorders
-        supplied = system.supplied_energy
-        losses = dict(system.losses)
+        supplied = system.balance.supplied_energy
+        losses = dict(system.balance.losses)
         # Nothing records or counts steps that are made again: the run has made them already.
         system.recorders = []
         try:
             self.restore(state)
             # The remainder of the increment is below the round-off of the coordinates, and is not
             # in recorded states.
-            system.increment.remainder.set(0.0)
+            system.unknowns.increment.remainder.set(0.0)
             for k in range(state.index + 1, index + 1):
                 try:
                     self._solver.step(self._lengths[k])
@@ -290,12 +294,12 @@ class RunTape:
                         f"gradient: the step to t = {self._times[k]:.9g} s cannot be made again, "
                         f"{problem}; give the tape more memory."
                     ) from problem
-                system.time = self._times[k]
+                system.unknowns.time = self._times[k]
             return self._present(index, self._lengths[index])
         finally:
             system.recorders = recorders
-            system.supplied_energy = supplied
-            system.losses.update(losses)
+            system.balance.supplied_energy = supplied
+            system.balance.losses.update(losses)
 
 
 def _bytes_of(saved: Any) -> int:

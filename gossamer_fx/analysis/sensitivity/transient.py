@@ -60,8 +60,8 @@ class TransientGradients:
             system, by, self._adjoint, in_time=True, scalars=self.steps.scalars.parts
         )
         # Adjoint of the state after the present step: derivatives of the result by it.
-        self._by_position = system.numbering.vector()
-        self._by_velocity = system.numbering.vector()
+        self._by_position = system.unknowns.numbering.vector()
+        self._by_velocity = system.unknowns.numbering.vector()
         # Norms of dJ/dv at the ends of the steps and at the start, the last step first.
         self.norms: list[float] = []
 
@@ -70,20 +70,20 @@ class TransientGradients:
         system is as before afterwards.  Collective."""
         system = self._system
         present = self._tape.states[-1]
-        remainder = system.increment.remainder.copy()
+        remainder = system.unknowns.increment.remainder.copy()
         # Without the round-off of a sum of steps, which the tape has.
-        time = system.time
+        time = system.unknowns.time
         try:
             value, duration = self._sum_up(objective)
         finally:
             # Also where a step cannot be repeated: the run goes on from here.
             self._tape.restore(present)
-            remainder.copy(system.increment.remainder)
-            system.time = time
+            remainder.copy(system.unknowns.increment.remainder)
+            system.unknowns.time = time
         growth = growth_of(self.norms)
         self._warn(growth, duration)
         notes: list[str] = []
-        for compiled in system.differentiable:
+        for compiled in system.equations.differentiable:
             notes += compiled.gradient_notes()
         return collected(
             value=value,
@@ -159,8 +159,8 @@ class TransientGradients:
         Collective."""
         system = self._system
         self._tape.restore(state)
-        result_by_position = system.numbering.vector()
-        result_by_velocity = system.numbering.vector()
+        result_by_position = system.unknowns.numbering.vector()
+        result_by_velocity = system.unknowns.numbering.vector()
         objective.add_derivative(system, result_by_position, result_by_velocity)
         self.steps.clear(result_by_position)
         self.steps.clear(result_by_velocity)
@@ -191,18 +191,18 @@ class TransientGradients:
             variable.sum += share * variable.energy_derivative()
         elif isinstance(variable, FormVariable):
             # ½ v·∂M v, by the forms of the inertia with the velocity in place of both vectors.
-            self._adjoint.set(system.v0)
-            self._adjoint.set_inertia(system.v0)
+            self._adjoint.set(system.unknowns.v0)
+            self._adjoint.set_inertia(system.unknowns.v0)
             variable.sum += share * variable.inertia_derivative() / 2
 
     def _add_masses(self) -> None:
         """Add what forces that depend on the masses of bodies give for densities and thicknesses.
         The mass of a body is v·M v of the unit velocity v along x."""
         system = self._system
-        for compiled in system.differentiable:
+        for compiled in system.equations.differentiable:
             for body, by_mass in compiled.derivatives_by_mass().items():
-                unit = system.numbering.vector()
-                rows = unit.array[system.block(body).owned].reshape(-1, body.block.size)
+                unit = system.unknowns.numbering.vector()
+                rows = unit.array[system.unknowns.block(body).owned].reshape(-1, body.block.size)
                 rows[:, 0] = 1.0
                 self._adjoint.set(unit)
                 self._adjoint.set_inertia(unit)

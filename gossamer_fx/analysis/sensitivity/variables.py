@@ -171,7 +171,7 @@ class AdjointFields:
         self._system = system
         self.of: dict[Body, fem.Function] = {}
         self.inertia: dict[Body, fem.Function] = {}
-        for body in system.bodies:
+        for body in system.unknowns.bodies:
             if is_on_mesh(body) and has_nodal_unknowns(body):
                 self.of[body] = fem.Function(body.space)
                 self.inertia[body] = fem.Function(body.space)
@@ -187,15 +187,15 @@ class AdjointFields:
     def _spread(self, vector: PETSc.Vec, functions: dict[Body, fem.Function]) -> None:
         """Copy the part of a vector that belongs to each body to the function of the body."""
         for body, function in functions.items():
-            owned = self._system.block(body).owned
-            self._system.coordinates[body].take(function, vector.array_r[owned])
+            owned = self._system.unknowns.block(body).owned
+            self._system.unknowns.coordinates[body].take(function, vector.array_r[owned])
 
     def residual_forms(self) -> list[ufl.Form]:
         """μ·r of all forces that are forms.  Functions that are filled with values at quadrature
         points are replaced by their expressions, which depend on parameters, too."""
         expressions: dict[fem.Function, Any] = {}
         found = []
-        for compiled in self._system.differentiable:
+        for compiled in self._system.equations.differentiable:
             expressions.update(compiled.expressions())
             for body, μ in self.of.items():
                 found += compiled.residual_forms(body, μ)
@@ -206,7 +206,7 @@ class AdjointFields:
     def inertia_forms(self) -> list[ufl.Form]:
         """μ·M z of all masses that are forms."""
         found = []
-        for compiled in self._system.differentiable:
+        for compiled in self._system.equations.differentiable:
             for body, μ in self.of.items():
                 found += compiled.kinetic_forms(body, self.inertia[body], μ)
         return found
@@ -369,7 +369,7 @@ class InitialVariable(Variable):
         """Take as many velocities [m/s] or coordinates [m] as this rank has unknowns of the
         body."""
         unit = "m/s" if is_velocity else "m"
-        owned = system.block(body).owned
+        owned = system.unknowns.block(body).owned
         super().__init__(name, unit, True, owned.stop - owned.start)
         self._body = body
         self._owned = owned
@@ -406,7 +406,7 @@ class RigidMotionVariable(Variable):
 
     def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
         # Four vectors on the rank that owns the body, none on the others; ranks are added up.
-        rates = by_velocity.array_r[self._system.block(self._body).owned].reshape(-1, 4, 3)
+        rates = by_velocity.array_r[self._system.unknowns.block(self._body).owned].reshape(-1, 4, 3)
         start = np.reshape(self._body.initial_state()[0], (-1, 4, 3))
         if self._is_spin:
             self.sum += np.cross(start[:, 1:], rates[:, 1:]).sum(axis=(0, 1))
@@ -467,7 +467,7 @@ def find_variables(
 def refuse_unknown_kinds(system: System) -> None:
     """Raise `InputError` if the derivatives of some forces of a scene are unknown, with the name of
     the first.  Collective."""
-    for compiled in system.compiled:
+    for compiled in system.equations.compiled:
         if isinstance(compiled, Differentiable):
             reason = compiled.without_gradient()
         else:
@@ -481,8 +481,8 @@ def refuse_unknown_kinds(system: System) -> None:
 def brought_by(system: System, compiled: object) -> str:
     """The first item of a scene that has a term of a compiled kind: its name, else its class; that
     of the kind if no item has one."""
-    for item in system.items:
-        for term in system.terms_of(item):
+    for item in system.unknowns.items:
+        for term in system.unknowns.terms_of(item):
             if type(compiled) is term.compiler:
                 return str(getattr(item, "name", type(item).__name__))
     return type(compiled).__name__
@@ -498,11 +498,11 @@ def _find(
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
     )
     item_name, _, what = name.rpartition(".")
-    items = [item for item in system.items if getattr(item, "name", None) == item_name]
+    items = [item for item in system.unknowns.items if getattr(item, "name", None) == item_name]
     # Items without parameters would be refused next.
     known = {
         str(getattr(one, "name", ""))
-        for one in system.items
+        for one in system.unknowns.items
         if _names_of(system, one, in_time, scalars)
     }
     check(
@@ -515,14 +515,14 @@ def _find(
         return _shape(system, name, item, adjoint)
     if in_time and isinstance(item, RigidBody) and what in (SPIN, VELOCITY):
         return RigidMotionVariable(name, item, system)
-    if in_time and item in system.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
+    if in_time and item in system.unknowns.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
         return InitialVariable(name, item, system, what == INITIAL_VELOCITY)
     for part in scalars:
         if what in part.names_of(item):
             return ScalarVariable(name, part, item, system)
     found = [
         (term, parameter)
-        for term in system.terms_of(item)
+        for term in system.unknowns.terms_of(item)
         for parameter in getattr(term, "parameters", ())
         if parameter.name == what
     ]
@@ -537,7 +537,7 @@ def _find(
         return FormVariable(name, unit, list(coefficients.values()), adjoint)
     uses: list[tuple[Any, Any, Parameter]] = []
     for term, parameter in found:
-        of_kind: list[Any] = system.compiled_as(term.compiler)
+        of_kind: list[Any] = system.equations.compiled_as(term.compiler)
         compiled = next(one for one in of_kind if one.has(term))
         uses.append((compiled, term, parameter))
     return PointVariable(name, unit, uses)
@@ -547,7 +547,7 @@ def _names_of(system: System, item: Any, in_time: bool, scalars: Sequence[GasAdj
     """List the parameters of an item by which a result has a derivative, in alphabetical order."""
     names = {
         parameter.name
-        for term in system.terms_of(item)
+        for term in system.unknowns.terms_of(item)
         for parameter in getattr(term, "parameters", ())
     }
     for part in scalars:
@@ -556,7 +556,7 @@ def _names_of(system: System, item: Any, in_time: bool, scalars: Sequence[GasAdj
         names.add(SHAPE)
     if in_time and isinstance(item, RigidBody):
         names |= {SPIN, VELOCITY}
-    if in_time and item in system.bodies:
+    if in_time and item in system.unknowns.bodies:
         names |= {INITIAL_POSITION, INITIAL_VELOCITY}
     return sorted(names)
 
@@ -576,14 +576,14 @@ def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) ->
         f"so that there is none by '{name}'; ask for another parameter, or make it a Membrane "
         "where its bending does not count.",
     )
-    for compiled in system.compiled:
+    for compiled in system.equations.compiled:
         if not (isinstance(compiled, Differentiable) and compiled.has_shape_derivative):
             raise InputError(
                 "gradient: "
                 f"'{brought_by(system, compiled)}' is measured on the mesh when the scene is made, "
                 f"so that there is no derivative by '{name}'; leave it out of the scene."
             )
-    for item in system.items:
+    for item in system.unknowns.items:
         measures = isinstance(item, MeasuresMesh) and any(one is body for one in item.requires())
         check(
             not measures,

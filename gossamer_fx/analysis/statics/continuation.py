@@ -66,7 +66,9 @@ from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.records.outputs.progress import TERMINAL_INTERVAL, StatusLine
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
+from gossamer_fx.solve.system.residual_sizes import out_of_balance
 from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import chamber_states
 
 # Wall time [s] before the first line: a search that is shorter says nothing.
 QUIET_SECONDS = 3.0
@@ -228,15 +230,15 @@ class Search:
         self.options = options
         self.newton = Newton(system, Tolerances(), direct=True)
         self.prestress = PrestressOfScene(system)
-        numbering = system.numbering
+        numbering = system.unknowns.numbering
         self._zero = numbering.vector()  # increment predicted, and velocity after a step
         self._residual = numbering.vector()
         self._start = numbering.vector()  # coordinates at the start of a search
-        self._scene_size = max(system.initial.extent(), MIN_SCENE_SIZE)
+        self._scene_size = max(system.unknowns.initial.extent(), MIN_SCENE_SIZE)
         self._resists_compression = any(
-            isinstance(term, StoredEnergy) and term.pulling for term in system.terms
+            isinstance(term, StoredEnergy) and term.pulling for term in system.unknowns.terms
         )
-        self.reached = system.time
+        self.reached = system.unknowns.time
         # Longest time [s] by which loads and obstacles advance in one pseudo-step.
         self._longest_advance = 0.0
         self.iterations = 0
@@ -250,13 +252,13 @@ class Search:
         self.steps = 0
         self.cuts = 0
         self._longest_advance = abs(at - self.reached)
-        self.system.q0.copy(self._start)
-        for kind in self.system.compiled:
+        self.system.unknowns.q0.copy(self._start)
+        for kind in self.system.equations.compiled:
             kind.begin_search()
-        if self.system.active_sets:
+        if self.system.equations.active_sets:
             self._announce_load(at)
         self._warn_of_inward_normals(at)
-        self._progress = SearchProgress(self.comm, self.system.numbering.size, progress)
+        self._progress = SearchProgress(self.comm, self.system.unknowns.numbering.size, progress)
         try:
             with Listener() as signals:
                 self._continue(at, signals)
@@ -305,7 +307,9 @@ class Search:
                 residual, load = self.unbalanced()
                 round_off = self.newton.round_off / load
                 # Contact whose stiffness was raised is not in equilibrium yet.
-                stiffened = [active_set.stiffen() for active_set in self.system.active_sets]
+                stiffened = [
+                    active_set.stiffen() for active_set in self.system.equations.active_sets
+                ]
                 is_stiffened = any(stiffened)
                 # A pseudo-step need not be solved better than the equilibrium; half, for safety.
                 tolerances = replace(tolerances, absolute=options.tolerance * load / 2)
@@ -335,7 +339,7 @@ class Search:
                     f"No equilibrium after {self.iterations} Newton iterations in {self.steps} "
                     f"pseudo-steps: {self._unbalanced_words(residual)}, "
                     f"pseudo-step {h:.1e} s; last failure: {reason}."
-                    f"{remedies(self.system, self.system.chambers, self._pressed_films)}"
+                    f"{remedies(self.system, chamber_states(self.system), self._pressed_films)}"
                 )
 
     def _unbalanced_words(self, residual: float) -> str:
@@ -344,7 +348,7 @@ class Search:
             return "no pseudo-step converged"
         return (
             f"the unbalanced force is {residual:.1e} of the load, "
-            f"largest in {self.system.locate(self._residual)}"
+            f"largest in {self.system.unknowns.locate(self._residual)}"
         )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:
@@ -376,20 +380,20 @@ class Search:
         # do not count.
         duration = h if math.isfinite(h) else self.options.first_step / MIN_STEP_RATIO
         time, y = self._begin_step(duration, at)
-        system.set_inertia(1 / h**2)
+        system.equations.set_inertia(1 / h**2)
         self.newton.tolerances = tolerances
         self.steps += 1
         try:
             _, self._y, used = self.newton.solve(self._zero, y)
         except NotConverged:
-            system.set_end(system.q0)
+            system.equations.set_end(system.unknowns.q0)
             raise
         finally:
             self.iterations += self.newton.iterations
-            system.time = time
+            system.unknowns.time = time
         # The next pseudo-step starts from rest, too.
         system.commit(self._zero)
-        system.time = time
+        system.unknowns.time = time
         self.reached = time
         self._longest_advance *= 2
         return used
@@ -413,9 +417,9 @@ class Search:
             time = at
             if self._longest_advance < abs(remaining):
                 time = self.reached + math.copysign(self._longest_advance, remaining)
-            self.system.time = time - duration
+            self.system.unknowns.time = time - duration
             try:
-                return time, self.system.begin_step(duration)
+                return time, self.system.equations.begin_step(duration)
             except Inadmissible:
                 self._longest_advance = abs(time - self.reached) / 2
                 if self._longest_advance < MIN_WAY_RATIO * abs(remaining):
@@ -432,11 +436,11 @@ class Search:
         times the round-off of the inner forces replaces a smaller force: a scene without loads is
         in equilibrium when only round-off is left."""
         system = self.system
-        system.set_inertia(0.0)
-        system.residual(self._y, self._residual)
-        external = float(system.external_forces().norm())
+        system.equations.set_inertia(0.0)
+        system.equations.residual(self._y, self._residual)
+        external = float(system.equations.external_forces().norm())
         load = max(external, self.newton.round_off / MAX_ROUND_OFF, TINY)
-        unbalanced, _ = system.imbalance(self._residual)
+        unbalanced, _ = out_of_balance(system.equations, self._residual)
         return unbalanced / load, load
 
     def solve_without_inertia(self, at: float) -> bool:
@@ -473,39 +477,42 @@ class Search:
         loads of time `at` [s], and tensions."""
         system = self.system
         duration = self.options.first_step
-        system.time = at - duration
-        y = system.begin_without_search(duration)
-        system.time = at
-        system.set_inertia(0.0)
-        system.set_end(system.q0)
-        system.residual(y, self._residual)
+        system.unknowns.time = at - duration
+        y = system.equations.begin_without_search(duration)
+        system.unknowns.time = at
+        system.equations.set_inertia(0.0)
+        system.equations.set_end(system.unknowns.q0)
+        system.equations.residual(y, self._residual)
         # Supports are left out: their reactions are those of the first guess.
-        external = system.external_forces()
+        external = system.equations.external_forces()
         with external as values:
-            values[system.supports.held] = 0.0
-        load, _ = system.imbalance(external)
+            values[system.unknowns.supports.held] = 0.0
+        load, _ = out_of_balance(system.equations, external)
         tensions = self.prestress.tensions()
         if not load and not tensions:
             # Only obstacles and supports that move press on films, up to what these bear.
             tensions = likely_tensions(system)
-        for active_set in system.active_sets:
+        for active_set in system.equations.active_sets:
             active_set.set_static_load(load, tensions)
 
     def _check_displacement(self) -> None:
         """Check that nothing flies off: what is not held moves the farther, the longer the
         pseudo-step."""
         system = self.system
-        displacement = np.abs(system.q0.array_r - self._start.array_r)
+        displacement = np.abs(system.unknowns.q0.array_r - self._start.array_r)
         farthest = np.array(
-            [displacement[system.block(body).owned].max(initial=0.0) for body in system.bodies]
+            [
+                displacement[system.unknowns.block(body).owned].max(initial=0.0)
+                for body in system.unknowns.bodies
+            ]
         )
         system.comm.Allreduce(MPI.IN_PLACE, farthest, op=MPI.MAX)
         k = int(farthest.argmax())
         if farthest[k] > MAX_RELATIVE_DISPLACEMENT * self._scene_size:
             raise NoEquilibrium(
                 "No equilibrium: "
-                f"'{system.bodies[k].name}' has moved by {farthest[k]:.1e} m and moves on; "
-                "hold it, or let the loads on it balance each other."
+                f"'{system.unknowns.bodies[k].name}' has moved by {farthest[k]:.1e} m and moves "
+                "on; hold it, or let the loads on it balance each other."
             )
 
 

@@ -23,7 +23,7 @@ from gossamer_fx.records.fields.reactions import Joint, NamedPart, joint_force, 
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import LOAD_PARAMETER, Account
+from gossamer_fx.solve.view import LOAD_PARAMETER, Account, chamber_state, chamber_states
 
 # What stays constant in the chambers, see `gas.balance`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
@@ -82,7 +82,7 @@ class Equilibrium:
         self.search = search
         self.comm = scene.comm
         self.system: System = scene.compile(AtRest())
-        for scalars in self.system.scalar_unknowns:
+        for scalars in self.system.equations.scalar_unknowns:
             scalars.set_static_process(gas)
         self._search = Search(self.system, search)
         self.axis = LOAD_PARAMETER
@@ -123,10 +123,10 @@ class Equilibrium:
         self.followed = None
         search = self._search
         search.run(at, progress)
-        external = float(self.system.external_forces().norm())
+        external = float(self.system.equations.external_forces().norm())
         self._largest_load = max(self._largest_load, external)
         least = VANISHING_LOAD * self._largest_load
-        if not self.system.load_forces().norm():
+        if not self.system.equations.load_forces().norm():
             # The reactions of a scene without loads are round-off, too.
             least = max(least, search.newton.round_off)
         is_unloaded = external <= least
@@ -146,7 +146,7 @@ class Equilibrium:
             steps=search.steps,
             cuts=search.cuts,
             seconds=time.process_time() - started,
-            totals=self.system.totals(),
+            totals=self.system.balance.totals(),
             regular=found.regular,
             free=found.free.rigid,
             slack=found.free.slack,
@@ -162,7 +162,7 @@ class Equilibrium:
     def take_over(self, time: float) -> None:
         """Let the next search start from the present state of the system, which `path` has found
         under the loads of a time [s]; `result` does not change."""
-        self.system.time = time
+        self.system.unknowns.time = time
         self._search.reached = time
         self.step += 1
 
@@ -212,12 +212,12 @@ class Equilibrium:
     @property
     def time(self) -> float:
         """Time of the loads [s]."""
-        return self.system.time
+        return self.system.unknowns.time
 
     @property
     def totals(self) -> Totals:
         """Energies and momenta of the present state."""
-        return self.system.totals()
+        return self.system.balance.totals()
 
     @property
     def account(self) -> Account:
@@ -267,9 +267,9 @@ class Equilibrium:
     @property
     def chambers(self) -> dict[str, Any]:
         """States of the gas chambers and tanks by name."""
-        return self.system.chambers
+        return chamber_states(self.system)
 
     @check_arguments
     def chamber(self, name: str) -> Any:
         """State of the gas in one chamber or tank, see `gas.contract.ChamberState`."""
-        return self.system.chamber(name)
+        return chamber_state(self.system, name)

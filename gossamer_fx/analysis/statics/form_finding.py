@@ -216,7 +216,7 @@ def find_form(
 def _move_mesh(film: Membrane, search: Equilibrium) -> float:
     """Move the mesh to the equilibrium; returns the largest change of a coordinate [m] on all
     ranks."""
-    positions = search.system.state[film].local_positions()
+    positions = search.system.unknowns.state[film].local_positions()
     geometry = film.space.mesh.geometry
     before = geometry.x.copy()
     # The nodes of a film of order 1 are the points of its mesh, in another order.

@@ -70,7 +70,7 @@ from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import LOAD_FACTOR, Account, Axis
+from gossamer_fx.solve.view import LOAD_FACTOR, Account, Axis, chamber_state, chamber_states
 
 # Step of the difference ∂r/∂λ, over the first step of λ: its error is of second order.
 DIFFERENCE_STEP = 1e-3
@@ -234,7 +234,7 @@ def path(
     """
     system = equilibrium.system
     check(
-        not system.active_sets,
+        not system.equations.active_sets,
         "path: the scene has contact, which a path does not follow; leave it out, "
         "or find equilibria at increasing loads.",
     )
@@ -282,7 +282,7 @@ class _Load:
         the time.  Raises `InputError` if the scene has no such number, or it is zero, a shape or a
         stiffness that is assembled once."""
         self._system = system
-        self._time = system.time
+        self._time = system.unknowns.time
         self._variable: Variable | None = None
         if not name:
             return
@@ -295,7 +295,7 @@ class _Load:
         except InputError as error:
             raise InputError(str(error).replace("gradient: ", "path: ", 1)) from None
         item, _, what = name.rpartition(".")
-        for one in system.items:
+        for one in system.unknowns.items:
             if getattr(one, "name", None) == item:
                 self._refuse_constant_stiffness(name, what, one)
         self._variable = found[0]
@@ -309,10 +309,10 @@ class _Load:
 
     def _refuse_constant_stiffness(self, name: str, what: str, item: object) -> None:
         """Raise `InputError` if a parameter of an item enters a matrix that is assembled once."""
-        for term in self._system.terms_of(item):
+        for term in self._system.unknowns.terms_of(item):
             if all(one.name != what for one in getattr(term, "parameters", ())):
                 continue
-            kinds: list[Any] = self._system.compiled_as(term.compiler)
+            kinds: list[Any] = self._system.equations.compiled_as(term.compiler)
             check(
                 not any(kind.has_constant_stiffness for kind in kinds),
                 f"path: '{name}' changes a stiffness that is assembled once; "
@@ -325,7 +325,7 @@ class _Load:
         if self._variable is None:
             return
         self._variable.set(factor * self._given)
-        for compiled in self._system.differentiable:
+        for compiled in self._system.equations.differentiable:
             compiled.parameters_changed()
 
     def time(self, factor: float) -> float:
@@ -353,11 +353,11 @@ class _PathNewton(Newton):
         super().__init__(system, Tolerances(), direct=True)
         self._load = load
         self._difference = difference
-        self._increment = system.numbering.vector()  # predicted, of the present step
+        self._increment = system.unknowns.numbering.vector()  # predicted, of the present step
         # w of the last iterate; w with the fixed coordinates of another load; the residual there.
-        self._w = system.numbering.vector()
-        self._moved = system.numbering.vector()
-        self._shifted = system.numbering.vector()
+        self._w = system.unknowns.numbering.vector()
+        self._moved = system.unknowns.numbering.vector()
+        self._shifted = system.unknowns.numbering.vector()
         # Load factor for which the system is set; None: unknown.
         self._applied: float | None = None
         # Whether strains are the true ones of the coordinates, as in `direction`, not linearised.
@@ -416,9 +416,9 @@ class _PathNewton(Newton):
         """Begin a step of the length `DURATION` to a load factor; returns a first guess of the
         scene's scalar unknowns.  Collective."""
         self._load.set(factor)
-        self.system.time = self._load.time(factor) - DURATION
+        self.system.unknowns.time = self._load.time(factor) - DURATION
         self._applied = None
-        return self.system.begin_step(DURATION)
+        return self.system.equations.begin_step(DURATION)
 
     def _apply(self, factor: float) -> None:
         """Set the loads of a load factor, and `_fixed_values` of the coordinates that it
@@ -426,9 +426,9 @@ class _PathNewton(Newton):
         if factor == self._applied:
             return
         self._load.set(factor)
-        self.system.time = self._load.time(factor) - self.system.h
-        self.system.begin_without_search(self.system.h)
-        self._fixed_values = self.system.predict(self._increment)
+        self.system.unknowns.time = self._load.time(factor) - self.system.unknowns.h
+        self.system.equations.begin_without_search(self.system.unknowns.h)
+        self._fixed_values = self.system.equations.predict(self._increment)
         self._applied = factor
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
@@ -444,7 +444,7 @@ class _PathNewton(Newton):
 
     def _residuals(self, y: Array) -> Array:
         """Evaluate r, and return s of the scene's scalar unknowns and then that of (1)."""
-        s = self.system.residual(y[:-1], self._r)
+        s = self.system.equations.residual(y[:-1], self._r)
         along = self.system.comm.allreduce(float(self.row @ self._w.array_r))
         along += self.weight * (y[-1] - self.predicted)
         return np.append(s, along / self.scale)
@@ -452,7 +452,7 @@ class _PathNewton(Newton):
     def _coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Coupling of all scalar unknowns with the coordinates, that of the load factor last.
         Leaves the system at a shifted load factor.  Collective."""
-        columns, rows, corner = self.system.coupling()
+        columns, rows, corner = self.system.matrices.coupling()
         base = None if self._is_at_point else self._linearisation_point
         own = self.weight / self.scale
         try:
@@ -493,9 +493,9 @@ class _PathNewton(Newton):
         self._apply(factor)
         self._w.copy(self._moved)
         with self._moved as values:
-            values[self.system.supports.held] = self._fixed_values
-        self.system.set_increment(self._moved, base)
-        return self.system.residual(self._y, self._shifted)
+            values[self.system.unknowns.supports.held] = self._fixed_values
+        self.system.equations.set_increment(self._moved, base)
+        return self.system.equations.residual(self._y, self._shifted)
 
     def direction(self) -> tuple[PETSc.Vec, float]:
         """The tangent (dq, dλ) of the path at the last solution, with the left side of (1) equal
@@ -533,9 +533,9 @@ class _PathNewton(Newton):
             values[:] = generator.standard_normal(values.size)
         right = np.zeros(self._scalar_count)
         for _ in range(INVERSE_ITERATIONS):
-            self.system.M.mult(dq, self._moved)
+            self.system.unknowns.M.mult(dq, self._moved)
             with self._moved as values:
-                values[self.system.supports.held] = 0.0
+                values[self.system.unknowns.supports.held] = 0.0
             self._moved.normalize()
             self._composite.join(self._moved, right, self._F)
             self.ksp.solve(self._F, self._x)
@@ -582,7 +582,7 @@ class _PathView:
 
     @property
     def totals(self) -> Totals:
-        return self.system.totals()
+        return self.system.balance.totals()
 
     @property
     def account(self) -> Account:
@@ -608,10 +608,10 @@ class _PathView:
 
     @property
     def chambers(self) -> dict[str, Any]:
-        return self.system.chambers
+        return chamber_states(self.system)
 
     def chamber(self, name: str) -> Any:
-        return self.system.chamber(name)
+        return chamber_state(self.system, name)
 
 
 class _Follower:
@@ -642,8 +642,8 @@ class _Follower:
         self._sign = math.copysign(1.0, toward - start)
         self._first_step = first_step
         self._newton = _PathNewton(system, load, DIFFERENCE_STEP * first_step)
-        self._zero = system.numbering.vector()
-        self._product = system.numbering.vector()
+        self._zero = system.unknowns.numbering.vector()
+        self._product = system.unknowns.numbering.vector()
         self._displacement_weight = 0.0  # 1/W of (1)
         self._largest_load = 0.0  # norm of the external forces [N]
         self._iterations = 0
@@ -652,7 +652,7 @@ class _Follower:
         self._length = self._first_length
         self.branch = ""
         self.view = _PathView(equilibrium)
-        system.set_inertia(0.0)
+        system.equations.set_inertia(0.0)
         self._last = self._first_point(start)
         self._show(self._last, started)
 
@@ -675,7 +675,7 @@ class _Follower:
             )
         # Stresses that balance each other, as of a heated plate between clamps, leave round-off.
         moved = self._largest_move(direction) * self._first_step
-        if moved > EPSILON * self._system.initial.extent():
+        if moved > EPSILON * self._system.unknowns.initial.extent():
             self._displacement_weight = 1 / square
         else:
             self._first_length = 1.0
@@ -684,9 +684,9 @@ class _Follower:
 
     def _mass_square(self, direction: PETSc.Vec) -> float:
         """t·M t, and M t in `_product`; fixed coordinates do not count."""
-        self._system.M.mult(direction, self._product)
+        self._system.unknowns.M.mult(direction, self._product)
         with self._product as values:
-            values[self._system.supports.held] = 0.0
+            values[self._system.unknowns.supports.held] = 0.0
         return float(direction.dot(self._product))
 
     def _largest_move(self, direction: PETSc.Vec) -> float:
@@ -706,7 +706,7 @@ class _Follower:
 
     def _count_unstable(self) -> int:
         """Number of negative eigenvalues of the stiffness of the last `direction`.  Collective."""
-        return count_unstable(self._system, self._system.coupled_tangent.whole())
+        return count_unstable(self._system, self._system.matrices.coupled_tangent.whole())
 
     # ---- steps -----------------------------------------------------------------------------------
 
@@ -733,7 +733,7 @@ class _Follower:
             newton.weight = 1.0
             newton.scale = self._first_step
             newton.predicted = at
-        system.set_end(system.q0)
+        system.equations.set_end(system.unknowns.q0)
         guess = newton.begin_step(newton.predicted)
         increment = last.direction.copy()
         increment.scale(length)
@@ -763,7 +763,7 @@ class _Follower:
 
     def _load_scale(self) -> float:
         """Largest external force so far [N], or that of the first step."""
-        external = float(self._system.external_forces().norm())
+        external = float(self._system.equations.external_forces().norm())
         first = self._newton.load_norm * self._first_step
         self._largest_load = max(self._largest_load, external, first)
         return max(self._largest_load, TINY_LOAD)
@@ -817,16 +817,18 @@ class _Follower:
         if not self._displacement_weight:
             # The load has moved nothing up to here: on the branch a length of one is a small move.
             square = self._mass_square(direction)
-            length = BRANCH_MOVE * system.initial.extent() / self._largest_move(direction)
+            length = BRANCH_MOVE * system.unknowns.initial.extent() / self._largest_move(direction)
             self._displacement_weight = 1 / (square * length**2)
         self._unit(branch)
         # Central difference of the probe along the branch.
-        here = system.q0.array_r.copy()
+        here = system.unknowns.q0.array_r.copy()
         values = []
         for sign in (1, -1):
-            system.restore(here + sign * direction.array_r, system.v0.array_r, system.time)
+            system.restore(
+                here + sign * direction.array_r, system.unknowns.v0.array_r, system.unknowns.time
+            )
             values.append(float(measure(self._equilibrium)))
-        system.restore(here, system.v0.array_r, system.time)
+        system.restore(here, system.unknowns.v0.array_r, system.unknowns.time)
         grown = values[0] - values[1]
         check(
             abs(grown) > ROUND_OFF * max(map(abs, values)),
@@ -891,7 +893,7 @@ class _Follower:
         """Give load, reactions and time of the last point to the system, whose state is that point,
         after steps that were not accepted.  Collective."""
         self._newton.begin_at_point(self._last.factor)
-        self._system.time = self._load.time(self._last.factor)
+        self._system.unknowns.time = self._load.time(self._last.factor)
 
     def _cosine(self, point: _Point) -> float:
         """Cosine of the angle between the tangents at the last point and at another one."""

@@ -109,7 +109,7 @@ class PrestressOfScene:
         """Compile the comparison for each part with prestress; none for other parts.
         Collective."""
         self._parts: dict[str, _PrestressOfPart] = {}
-        for body in system.bodies:
+        for body in system.unknowns.bodies:
             if is_on_mesh(body) and _asked_stress(body.full) is not None:
                 self._parts[body.name] = _PrestressOfPart(system, body)
 
@@ -200,7 +200,7 @@ def likely_tensions(system: System) -> dict[str, float]:
     """The mean tension of each film [N/m], cable and beam [N] that is strained by a hundredth along
     its first direction, by their names; the same on every rank.  Collective."""
     tensions = {}
-    for body in system.bodies:
+    for body in system.unknowns.bodies:
         if not is_on_mesh(body):
             continue
         part: Any = body.full

@@ -57,12 +57,12 @@ def remedies(
     none is known.  Collective."""
     found = [
         *_unsupported(system),
-        *(pressure.words for pressure in collapsing_pressures(pressed_films, system.time)),
+        *(pressure.words for pressure in collapsing_pressures(pressed_films, system.unknowns.time)),
         *_gas_that_cooled(chambers),
         *_open_films(system, pressed_films),
         *_soft_films(system),
     ]
-    if not system.active_sets:
+    if not system.equations.active_sets:
         found.append(
             "If the load has a limit, or the scene snaps through: gx.analysis.path follows its "
             "equilibria by the arc length."
@@ -73,15 +73,15 @@ def remedies(
 def _unsupported(system: System) -> Iterator[str]:
     """Yield a sentence if no coordinate of the scene is held, it has no constraints or obstacles,
     and its loads do not balance each other.  Collective."""
-    held = system.comm.allreduce(len(system.supports.held))
-    if held or system.constraints is not None:
+    held = system.comm.allreduce(len(system.unknowns.supports.held))
+    if held or system.equations.constraints is not None:
         return
     # What lies on an obstacle is supported by contact.
-    if any(getattr(item, "obstacles", ()) for item in system.items):
+    if any(getattr(item, "obstacles", ()) for item in system.unknowns.items):
         return
-    size = 3 * len(system.position_marks)
-    forces = system.external_forces().array_r[:size].reshape(-1, 3)
-    of_positions = forces * system.position_marks[:, None]
+    size = 3 * len(system.unknowns.position_marks)
+    forces = system.equations.external_forces().array_r[:size].reshape(-1, 3)
+    of_positions = forces * system.unknowns.position_marks[:, None]
     sums = np.append(of_positions.sum(axis=0), np.abs(of_positions).sum())
     total: Array = system.comm.allreduce(sums, op=MPI.SUM)
     if np.linalg.norm(total[:3]) > BALANCED * total[3]:
@@ -94,7 +94,7 @@ def _unsupported(system: System) -> Iterator[str]:
 def measure_pressed_films(system: System) -> list[PressedFilm]:
     """Measure what the films under a pressure of the scene enclose.  Collective."""
     found = []
-    for item in system.items:
+    for item in system.unknowns.items:
         if isinstance(item, Pressure):
             mesh = item.body.mesh
             found.append(PressedFilm(item, enclosed_by(mesh.domain, mesh.edges)))
@@ -146,10 +146,10 @@ def _open_films(system: System, pressed_films: Iterable[PressedFilm]) -> Iterato
         facets = exterior_facet_indices(topology)
         dofs = fem.locate_dofs_topological(film.space, 1, facets)
         owned = dofs[dofs < film.space.dofmap.index_map.size_local]
-        is_held = np.zeros(system.numbering.size_local, dtype=bool)
-        is_held[system.supports.held] = True
+        is_held = np.zeros(system.unknowns.numbering.size_local, dtype=bool)
+        is_held[system.unknowns.supports.held] = True
         is_held |= is_tied
-        first = system.block(film).owned.start
+        first = system.unknowns.block(film).owned.start
         rim = is_held[first + 3 * owned[:, None] + np.arange(3)]
         counts = np.array([len(rim), (~rim.any(axis=1)).sum()])
         nodes, free = system.comm.allreduce(counts).tolist()
@@ -163,16 +163,18 @@ def _open_films(system: System, pressed_films: Iterable[PressedFilm]) -> Iterato
 
 def _tied_unknowns(system: System) -> npt.NDArray[np.bool_]:
     """Which of this rank's unknowns constraints tie to others.  Collective."""
-    marks = system.q0.duplicate()
+    marks = system.unknowns.q0.duplicate()
     marks.set(0.0)
-    if system.constraints is not None:
-        for tuples in system.constraints.tied_ports():
+    if system.equations.constraints is not None:
+        for tuples in system.equations.constraints.tied_ports():
             for ports in tuples:
-                unknowns, weights, _ = attach(system.numbering, system.bodies, ports)
+                unknowns, weights, _ = attach(
+                    system.unknowns.numbering, system.unknowns.bodies, ports
+                )
                 shares = abs(weights).sum(axis=0)
                 marks.setValues(unknowns, shares, addv=PETSc.InsertMode.ADD_VALUES)
     marks.assemble()
-    is_tied = marks.array_r[: system.numbering.size_local] > 0
+    is_tied = marks.array_r[: system.unknowns.numbering.size_local] > 0
     marks.destroy()
     return is_tied
 
@@ -200,7 +202,7 @@ def _gas_that_cooled(chambers: Mapping[str, Any]) -> Iterator[str]:
 
 def _soft_films(system: System) -> Iterator[str]:
     """Yield a sentence for each film of order 2 whose wrinkles have almost no stiffness."""
-    for body in system.bodies:
+    for body in system.unknowns.bodies:
         if not isinstance(body, Membrane) or body.order == 1 or body.law.quadratic:
             continue
         stiffness = getattr(body.law, "residual_stiffness", None)

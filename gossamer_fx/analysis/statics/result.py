@@ -136,9 +136,9 @@ def assess(search: Search, at: float) -> Assessment:
     converges = search.solve_without_inertia(at)
     system = search.system
     search.unbalanced()
-    K = system.tangent()
+    K = system.matrices.tangent()
     stiffnesses = []
-    for scalars in system.scalar_unknowns:
+    for scalars in system.equations.scalar_unknowns:
         stiffnesses += scalars.static_stiffness()
     part, count = parts(system, K)
     free = free_motions(system, K, (part, count), search.unbalanced_forces, stiffnesses)
@@ -148,7 +148,7 @@ def assess(search: Search, at: float) -> Assessment:
     if not converges:
         return Assessment(free, False, UNKNOWN)
     # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.
-    if system.scalar_unknowns:
+    if system.equations.scalar_unknowns:
         return Assessment(free, True, count_unstable(system, K))
     with symmetric_on_constraints(system, K) as symmetric:
         if symmetric is None:
@@ -164,14 +164,14 @@ def warn_of_lost_loads(search: Search) -> None:
     """Warn if the round-off of the inner forces hides the loads.  The residual is then small
     wherever the scene is, so that what is found is too stiff by any factor: a plate bends with
     the cube of its thickness, and round-off is that of its membrane forces."""
-    load = float(search.system.load_forces().norm())
+    load = float(search.system.equations.load_forces().norm())
     round_off = search.newton.round_off
     if 0 < load < LOST_LOAD * round_off and search.comm.rank == 0:
         # Imported here, as scenes without plates must not pay for it.
         from gossamer_fx.mechanics.bodies.plate import Plate
 
         remedy = "look at the units of the loads."
-        if any(isinstance(body, Plate) for body in search.system.bodies):
+        if any(isinstance(body, Plate) for body in search.system.unknowns.bodies):
             remedy = "a plate this thin needs cells of aspect near one, or is a Membrane."
         LOG.warning(
             "The equilibrium does not show the loads: "

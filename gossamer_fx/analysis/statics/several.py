@@ -143,7 +143,7 @@ def equilibria(
             failures.append(str(reason))
             continue
         stored = sum(result.totals.stored.values())
-        coordinates = system.q0.array_r.copy()
+        coordinates = system.unknowns.q0.array_r.copy()
         for k, other in enumerate(found):
             if _are_same(equilibrium, other, result, stored, coordinates):
                 numbers = (*other.starts, number)
@@ -168,7 +168,7 @@ def equilibria(
             failures[-1],
         )
     start.restore(equilibrium)
-    system.restore(found[0].coordinates, 0 * found[0].coordinates, system.time)
+    system.restore(found[0].coordinates, 0 * found[0].coordinates, system.unknowns.time)
     equilibrium.find(at=at, progress=False)
     return [found[0], *sorted(found[1:], key=lambda one: one.stored)]
 
@@ -179,21 +179,21 @@ class _State:
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         system = equilibrium.system
-        self.q: Array = system.q0.array_r.copy()
-        self._time = system.time
-        self._gas = [scalars.get_history() for scalars in system.scalar_unknowns]
-        self._supplied = system.supplied_energy
-        self._losses = dict(system.losses)
+        self.q: Array = system.unknowns.q0.array_r.copy()
+        self._time = system.unknowns.time
+        self._gas = [scalars.get_history() for scalars in system.equations.scalar_unknowns]
+        self._supplied = system.balance.supplied_energy
+        self._losses = dict(system.balance.losses)
 
     def restore(self, equilibrium: Equilibrium) -> None:
         """Let the equilibrium search from this state.  Collective."""
         system = equilibrium.system
         system.restore(self.q, 0 * self.q, self._time)
-        for scalars, history in zip(system.scalar_unknowns, self._gas, strict=True):
+        for scalars, history in zip(system.equations.scalar_unknowns, self._gas, strict=True):
             scalars.set_history(history)
         # Else the work of the loads would be that of all searches so far.
-        system.supplied_energy = self._supplied
-        system.losses.update(self._losses)
+        system.balance.supplied_energy = self._supplied
+        system.balance.losses.update(self._losses)
         equilibrium.take_over(self._time)
 
 
@@ -201,16 +201,16 @@ def _disturb(system: System, change: Array, at: float) -> None:
     """Move the unknowns of this rank by a change (n,); the loads of time `at` [s] do work on the
     way, which counts as supplied, so that each equilibrium has the work from the start of all.
     Collective."""
-    for compiled in system.compiled:
+    for compiled in system.equations.compiled:
         compiled.begin_step(at)
-    end = system.q0.copy()
+    end = system.unknowns.q0.copy()
     end.array[:] += change
-    system.set_end(end)
-    work = sum(compiled.supplied() for compiled in system.compiled)
+    system.equations.set_end(end)
+    work = sum(compiled.supplied() for compiled in system.equations.compiled)
     moved = end.array_r.copy()
     end.destroy()
-    system.restore(moved, 0 * moved, system.time)
-    system.supplied_energy += work
+    system.restore(moved, 0 * moved, system.unknowns.time)
+    system.balance.supplied_energy += work
 
 
 def _disturbance(equilibrium: Equilibrium, perturbation: float, seed: int) -> Array:
@@ -218,19 +218,19 @@ def _disturbance(equilibrium: Equilibrium, perturbation: float, seed: int) -> Ar
     multipliers; the same function on every rank.  Collective."""
     system = equilibrium.system
     generator = np.random.default_rng(seed)
-    extent = system.initial.extent()
+    extent = system.unknowns.initial.extent()
     directions = generator.standard_normal((WAVES, 3))
     waves = generator.uniform(-MOST_WAVES, MOST_WAVES, (WAVES, 3))
     phases = generator.uniform(0, 2 * np.pi, WAVES)
-    moved = np.zeros(system.numbering.size_local)
-    for body in system.bodies:
-        owned = system.block(body).owned
-        vectors = system.q0.array_r[owned].reshape(-1, body.block.size // 3, 3)
+    moved = np.zeros(system.unknowns.numbering.size_local)
+    for body in system.unknowns.bodies:
+        owned = system.unknowns.block(body).owned
+        vectors = system.unknowns.q0.array_r[owned].reshape(-1, body.block.size // 3, 3)
         angles = 2 * np.pi * vectors[:, 0] @ waves.T / (extent or 1.0) + phases
         of_body = np.zeros_like(vectors)
         of_body[:, 0] = np.cos(angles) @ directions
         moved[owned] = of_body.ravel()
-    moved[system.supports.held] = 0.0
+    moved[system.unknowns.supports.held] = 0.0
     largest = equilibrium.comm.allreduce(float(np.abs(moved).max(initial=0.0)), op=MPI.MAX)
     # Not all starts are equally far away.
     amplitude = perturbation * generator.uniform(SMALLEST_AMPLITUDE, 1.0)
@@ -248,12 +248,12 @@ def _are_same(
     if result.free or other.result.free:
         return abs(stored - other.stored) <= SAME_ENERGY * max(abs(stored), abs(other.stored))
     distance = _distance(equilibrium, other.coordinates, coordinates)
-    return distance <= SAME_PLACE * equilibrium.system.initial.extent()
+    return distance <= SAME_PLACE * equilibrium.system.unknowns.initial.extent()
 
 
 def _distance(equilibrium: Equilibrium, one: Array, other: Array) -> float:
     """Largest change [m] of a coordinate of a position from one state to another.  Collective."""
     system = equilibrium.system
-    marks = system.position_marks
+    marks = system.unknowns.position_marks
     changes = np.abs(other - one)[: 3 * len(marks)].reshape(-1, 3) * marks[:, None]
     return float(system.comm.allreduce(float(changes.max(initial=0.0)), op=MPI.MAX))

@@ -79,7 +79,7 @@ class Frequency:
     def _mode(self) -> Mode:
         """The mode, which is to be the only one of its frequency.  Collective."""
         check(
-            not self._equilibrium.system.scalar_unknowns,
+            not self._equilibrium.system.equations.scalar_unknowns,
             "Frequency: the scene has gas chambers, by whose state it is not derived; "
             "give their pressure as Pressure.",
         )
@@ -89,8 +89,8 @@ class Frequency:
         zero = 0.0
         if not equilibrium.is_known_regular:
             system = equilibrium.system
-            system.set_inertia(0.0)
-            square = round_off_square(system.tangent(), system.M)
+            system.equations.set_inertia(0.0)
+            square = round_off_square(system.matrices.tangent(), system.unknowns.M)
             zero = math.sqrt(ZERO_FREQUENCY_FACTOR * square) / (2 * math.pi)
         check(
             mode.frequency > zero,
@@ -116,10 +116,10 @@ class Frequency:
             return self._forms
         _check_made_of_forms(system)
         self._forms = []
-        for body in system.bodies:
+        for body in system.unknowns.bodies:
             if not (is_on_mesh(body) and has_nodal_unknowns(body)):
                 continue
-            q = system.coordinates[body].q1
+            q = system.unknowns.coordinates[body].q1
             mesh = body.space.mesh
             φ = fem.Function(body.space)
             factor = constant(mesh, 0.0)
@@ -127,7 +127,7 @@ class Frequency:
             self._shapes[body] = φ
             self._factors[body] = (factor, ω2)
             own = []
-            for compiled in system.differentiable:
+            for compiled in system.equations.differentiable:
                 for form in compiled.residual_forms(body, φ):
                     # The derivative of a load that does not follow the body is empty.
                     stiffness = expand_derivatives(ufl.derivative(form, q, φ))
@@ -135,7 +135,7 @@ class Frequency:
                         own.append(factor * stiffness)
             w = ufl.TestFunction(body.space)
             self._by_position[body] = [compile_form(ufl.derivative(one, q, w)) for one in own]
-            for compiled in system.differentiable:
+            for compiled in system.equations.differentiable:
                 own += [-factor * ω2 * form for form in compiled.kinetic_forms(body, φ, φ)]
             self._forms += own
         return self._forms
@@ -147,17 +147,17 @@ class Frequency:
         and frequency are then constants of `forms`."""
         self.forms(system)
         mode = self._mode()
-        shape = system.numbering.vector()
+        shape = system.unknowns.numbering.vector()
         shape.array[:] = np.real(mode.shape)
-        shape.array[system.supports.held] = 0
+        shape.array[system.unknowns.supports.held] = 0
         _check_symmetric(system, shape)
         product = shape.duplicate()
-        system.M.mult(shape, product)
+        system.unknowns.M.mult(shape, product)
         shape.scale(1 / math.sqrt(product.dot(shape)))
         ω = 2 * math.pi * mode.frequency
         for body, φ in self._shapes.items():
-            at = system.coordinates[body]
-            owned = system.block(body).owned
+            at = system.unknowns.coordinates[body]
+            owned = system.unknowns.block(body).owned
             at.take(φ, shape.array_r[owned])
             factor, ω2 = self._factors[body]
             # f = ω/(2π), and ∂(ω²) = φ·∂K φ: ∂f = φ·∂K φ/(8π² f).
@@ -175,7 +175,7 @@ class Frequency:
 
 def _check_made_of_forms(system: System) -> None:
     """Raise `InputError` if forces act on or between points."""
-    for compiled in system.compiled:
+    for compiled in system.equations.compiled:
         check(
             isinstance(compiled, Differentiable) and compiled.forces_are_forms,
             f"Frequency: the scene has {type(compiled).__name__}, "
@@ -186,8 +186,8 @@ def _check_made_of_forms(system: System) -> None:
 def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
     """Raise `InputError` if |K φ - Kᵀ φ| is more than round-off of |K φ| for a mode φ.  Sets the
     inertia of the system to zero.  Collective."""
-    system.set_inertia(0.0)
-    K = system.tangent()
+    system.equations.set_inertia(0.0)
+    K = system.matrices.tangent()
     force = shape.duplicate()
     transposed = shape.duplicate()
     K.mult(shape, force)

@@ -63,11 +63,11 @@ class ModeShapes:
     ) -> None:
         system = equilibrium.system
         check(
-            body in system.bodies,
+            body in system.unknowns.bodies,
             f"ModeShapes: '{body.name}' is not in the equilibrium's scene; give its film.",
         )
-        owned = system.block(body).owned
-        x0 = system.state[body].positions()
+        owned = system.unknowns.block(body).owned
+        x0 = system.unknowns.state[body].positions()
         self.positions: list[Array] = []
         for mode in modes:
             # Of all bodies, so that a mode of another body gives no shapes.

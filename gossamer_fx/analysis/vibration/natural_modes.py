@@ -131,7 +131,7 @@ class Mode:
         frequency: [Hz], zero or positive.
         growth: [1/s]; positive for an equilibrium that is not stable.
         shape: this rank's part of φ, (unknowns of this rank,), a NumPy array of complex numbers; in
-            the order of `system.state`, with multipliers of constraints behind the coordinates.
+            the order of `system.unknowns.q0`, with multipliers behind the coordinates.
         displacements: the parts of φ at the nodes that this rank owns, (n, 3), by the names of the
             bodies; of beams and rigid bodies without the directors.
         participation: factors of translations and rotations about x, y, z, (2, 3); in the units
@@ -208,18 +208,18 @@ def modes(
     """
     system = equilibrium.system
     equilibrium.need("modes")
-    spins = [item.spin for item in system.items if isinstance(item, Centrifugal)]
+    spins = [item.spin for item in system.unknowns.items if isinstance(item, Centrifugal)]
     round_off = SAME_SPIN * float(np.linalg.norm(spin))
     check(
         not any(spin) or (bool(spins) and np.allclose(spins, spin, rtol=0, atol=round_off)),
         f"modes: spin is {spin!r} rad/s, but those of centrifugal forces are {spins or 'none'}; "
         "give each body that turns a loads.Centrifugal of this spin, and find the equilibrium.",
     )
-    system.set_inertia(0.0)
-    K = system.tangent()
-    M = system.M.copy()
+    system.equations.set_inertia(0.0)
+    K = system.matrices.tangent()
+    M = system.unknowns.M.copy()
     # Rows of fixed coordinates: 1 in K and 0 in M, so that their eigenvalues are infinite.
-    system.supports.clear(M, 0.0)
+    system.unknowns.supports.clear(M, 0.0)
     least = round_off_square(K, M)
     away_from_zero = 0.0
     if not equilibrium.is_known_regular:
@@ -232,8 +232,8 @@ def modes(
     if not any(spin):
         found = _modes_at_rest(system, K, M, count, ω, ω**2 or -away_from_zero, stiffnesses, least)
     else:
-        G = system.gyroscopic(spin)
-        system.supports.clear(G, 0.0)
+        G = system.matrices.gyroscopic(spin)
+        system.unknowns.supports.clear(G, 0.0)
         real_shift = 0.0 if ω else math.sqrt(away_from_zero)
         found = _modes_in_turning_frame(K, G, M, count, real_shift=real_shift, ω=ω)
     if len(found) < count:
@@ -323,7 +323,7 @@ def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, floa
     """The stiffness κ g⊗g that the gas gives each closed film: the derivative g (n,) [m²] of its
     volume by this rank's coordinates, zero where these are fixed, and κ [Pa/m³]."""
     found = []
-    for scalars in system.scalar_unknowns:
+    for scalars in system.equations.scalar_unknowns:
         stiffnesses = scalars.vibration_stiffness()
         check(
             stiffnesses is not None,
@@ -332,7 +332,7 @@ def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, floa
         )
         for gradient, stiffness in stiffnesses or ():
             values = gradient.copy()
-            values[system.supports.held] = 0.0
+            values[system.unknowns.supports.held] = 0.0
             found.append((values, stiffness))
     check(
         not (found and is_turning),
@@ -415,18 +415,20 @@ class ModalMasses:
     def __init__(self, system: System, M: PETSc.Mat) -> None:
         self._system = system
         self._M = M
-        self._size = system.block(system.bodies[-1]).owned.stop
+        self._size = system.unknowns.block(system.unknowns.bodies[-1]).owned.stop
         self._momenta = self._rigid_momenta()
 
     def _rigid_momenta(self) -> Array:
         """M r of the six rigid motions, this rank's part (6, unknowns of this rank)."""
         system = self._system
-        is_position = system.position_marks
-        q = system.q0.array_r[: self._size].reshape(-1, 3)
+        is_position = system.unknowns.position_marks
+        q = system.unknowns.q0.array_r[: self._size].reshape(-1, 3)
         translations = [np.multiply.outer(is_position, axis) for axis in np.eye(3)]
         masses = [self._times_mass(self._M, r).reshape(-1, 3) for r in translations]
         # Mass and first moments of the whole scene, also where coordinates are fixed
-        along_x = self._times_mass(system.M, translations[0]).reshape(-1, 3)[:, 0] * is_position
+        along_x = (
+            self._times_mass(system.unknowns.M, translations[0]).reshape(-1, 3)[:, 0] * is_position
+        )
         mass = self._sum(along_x)
         moments = [self._sum(along_x * q[:, i]) for i in range(3)]
         centre: Array = np.zeros(3)
@@ -439,7 +441,7 @@ class ModalMasses:
 
     def _times_mass(self, M: PETSc.Mat, values: Array) -> Array:
         """A mass matrix times a vector of this rank's coordinates, of any shape; flattened."""
-        vector = self._system.numbering.vector()
+        vector = self._system.unknowns.numbering.vector()
         vector.array[: self._size] = values.ravel()
         product = M.createVecLeft()
         M.mult(vector, product)
@@ -465,8 +467,10 @@ class ModalMasses:
         participation = comm.allreduce(self._momenta @ shape[: self._size]).reshape(2, 3)
         effective = np.abs(participation) ** 2
         displacements = {}
-        for body in self._system.bodies:
-            of_nodes = shape[self._system.block(body).owned].reshape(-1, body.block.size // 3, 3)
+        for body in self._system.unknowns.bodies:
+            of_nodes = shape[self._system.unknowns.block(body).owned].reshape(
+                -1, body.block.size // 3, 3
+            )
             displacements[body.name] = of_nodes[:, 0]
         return replace(
             mode,

@@ -143,10 +143,10 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     """Divide the unknowns of a scene into parts that no entry of the tangent K connects: the part
     (n,) of each unknown of this rank, -1 where it is fixed, and the number of parts on all ranks.
     Collective."""
-    is_fixed = np.zeros(system.numbering.size_local, dtype=bool)
-    is_fixed[system.supports.held] = True
+    is_fixed = np.zeros(system.unknowns.numbering.size_local, dtype=bool)
+    is_fixed[system.unknowns.supports.held] = True
     # Fixed components are left out: a support would otherwise connect parts that share it.
-    label = connected(system, K, left_out=np.asarray(system.supports.held, dtype=np.int64))
+    label = connected(system, K, left_out=np.asarray(system.unknowns.supports.held, dtype=np.int64))
 
     # Number the labels that are in use from 0, in the same way on every rank.
     labels_of_ranks = system.comm.allgather(np.unique(label[~is_fixed]))
@@ -185,7 +185,7 @@ def _motions(
     if count == 0:
         return
     comm = system.comm
-    nodes = [_nodes_of(system, k, part) for k in range(len(system.bodies))]
+    nodes = [_nodes_of(system, k, part) for k in range(len(system.unknowns.bodies))]
     names = _names(system, nodes, count)
     centre = _centres(comm, nodes, count)
     radius = _radii(system, nodes, centre)
@@ -206,8 +206,8 @@ def _motions(
         size_of_gradient = comm.allreduce(float(np.abs(gradient).sum()))
         D += ROW_ROUND_OFF * stiffness * size_of_gradient * np.abs(gradient)
     Y = np.zeros_like(R)  # D⁻¹ K R
-    vector = system.numbering.vector()
-    product = system.numbering.vector()
+    vector = system.unknowns.numbering.vector()
+    product = system.unknowns.numbering.vector()
     for i in range(6):
         vector.array[:] = R[i]
         K.mult(vector, product)
@@ -236,19 +236,19 @@ class _Holders:
 
     def __init__(self, system: System, part: Labels, count: int) -> None:
         self._comm = system.comm
-        piece = connected(system, system.M)
+        piece = connected(system, system.unknowns.M)
         self._piece = piece
         self._part = part
         end = _end_of_coordinates(system)
-        held = system.supports.held
+        held = system.unknowns.supports.held
         self._held = held[held < end]
         # Each of these is one of three components of a position or a director.
         self._components = np.empty(len(self._held), dtype=np.int64)
         self._vectors = np.zeros((len(self._held), 3))
         self._are_positions = np.zeros(len(self._held), dtype=bool)
-        q = system.q0.array_r
-        for body in system.bodies:
-            owned = system.block(body).owned
+        q = system.unknowns.q0.array_r
+        for body in system.unknowns.bodies:
+            owned = system.unknowns.block(body).owned
             inside = (self._held >= owned.start) & (self._held < owned.stop)
             index = self._held[inside] - owned.start
             component = index % body.block.size
@@ -285,13 +285,13 @@ class _Holders:
 def _nodes_of(system: System, k: int, part: Labels) -> _Nodes:
     """Return this rank's nodes of body k of the system, with the part (n,) of each of its unknowns
     in `part`."""
-    body = system.bodies[k]
-    owned = system.block(body).owned
+    body = system.unknowns.bodies[k]
+    owned = system.unknowns.block(body).owned
     shape = (-1, body.block.size // 3, 3)
     unknowns = np.arange(owned.start, owned.stop).reshape(shape)
     return _Nodes(
         unknowns=unknowns,
-        vectors=system.q0.array_r[owned].reshape(shape).copy(),
+        vectors=system.unknowns.q0.array_r[owned].reshape(shape).copy(),
         part=part[unknowns].max(axis=(1, 2), initial=-1),
     )
 
@@ -303,7 +303,7 @@ def _names(system: System, nodes: Sequence[_Nodes], count: int) -> list[list[str
     for k, one in enumerate(nodes):
         has_nodes[k, one.part[one.is_free]] = True
     system.comm.Allreduce(MPI.IN_PLACE, has_nodes, op=MPI.LOR)
-    names = [f"'{body.name}'" for body in system.bodies]
+    names = [f"'{body.name}'" for body in system.unknowns.bodies]
     return [[names[k] for k in np.flatnonzero(has_nodes[:, c])] for c in range(count)]
 
 
@@ -335,7 +335,9 @@ def _radii(system: System, nodes: Sequence[_Nodes], centre: Array) -> Array:
     comm.Allreduce(MPI.IN_PLACE, radius, op=MPI.MAX)
     comm.Allreduce(MPI.IN_PLACE, spread, op=MPI.MAX)
     # Joints hold within a fraction of the extent; positions have the round-off of coordinates.
-    round_off = ONE_POINT * (system.initial.extent() + np.abs(centre).max(axis=1, initial=0.0))
+    round_off = ONE_POINT * (
+        system.unknowns.initial.extent() + np.abs(centre).max(axis=1, initial=0.0)
+    )
     is_point = spread <= round_off
     for one in nodes:
         moved = one.is_free & is_point[np.maximum(one.part, 0)]
@@ -351,9 +353,9 @@ def _rigid_motions(
     and three rotations about the centres (parts, 3) [m], which move the farthest node, at `radius`
     (parts,) [m], by one.  They are in [1/m] for directors, [N/m] for forces of joints, and zero for
     other multipliers and fixed nodes."""
-    R = np.zeros((6, system.numbering.size_local))
-    multipliers = multipliers_in_space(system)
-    joint_forces = system.q0.array_r[multipliers]
+    R = np.zeros((6, system.unknowns.numbering.size_local))
+    multipliers = multipliers_in_space(system.unknowns)
+    joint_forces = system.unknowns.q0.array_r[multipliers]
     scale_of_forces = radius[np.maximum(part[multipliers], 0)]
     for i, axis in enumerate(np.eye(3)):
         for one in nodes:
@@ -377,11 +379,11 @@ def _round_off(system: System, K: PETSc.Mat, errors: Array) -> Array:
     those of directions.  `errors` (n,) [N/m] are the norms of the unbalanced forces of a part over
     its radius."""
     rows, _, values = entries(K)
-    sum_of_row = np.zeros(system.numbering.size_local)
+    sum_of_row = np.zeros(system.unknowns.numbering.size_local)
     np.add.at(sum_of_row, rows, np.abs(values))
     D: Array = ROW_ROUND_OFF * sum_of_row
-    if system.constraints is not None:
-        D[system.constraints.owned] += CONSTRAINT_ROUND_OFF
+    if system.equations.constraints is not None:
+        D[system.equations.constraints.owned] += CONSTRAINT_ROUND_OFF
     # Multipliers follow the coordinates of the bodies, and have no unbalanced force.  The factor of
     # two is a margin.
     end = _end_of_coordinates(system)
@@ -392,7 +394,7 @@ def _round_off(system: System, K: PETSc.Mat, errors: Array) -> Array:
 
 def _end_of_coordinates(system: System) -> int:
     """The number of coordinates in this rank's part of a vector, which multipliers follow."""
-    return int(system.block(system.bodies[-1]).owned.stop)
+    return int(system.unknowns.block(system.unknowns.bodies[-1]).owned.stop)
 
 
 def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:

@@ -62,7 +62,7 @@ def _symmetric(system: System, K: PETSc.Mat) -> PETSc.Mat | None:
     """The matrix of `symmetric_on_constraints`: K itself, a new one, or None."""
     if is_symmetric(K):
         return K
-    if system.constraints is None:
+    if system.equations.constraints is None:
         return None
     difference = K.transpose(PETSc.Mat())
     difference.axpy(-1.0, K, DIFFERENT_PATTERN)
@@ -100,8 +100,8 @@ class _ConstraintProjection:
     """
 
     def __init__(self, system: System, K: PETSc.Mat) -> None:
-        assert system.constraints is not None, "the caller asks"
-        owned = system.constraints.owned
+        assert system.equations.constraints is not None, "the caller asks"
+        owned = system.equations.constraints.owned
         self._local = slice(owned.start, owned.stop)
         of_motion = K.createVecLeft()
         of_motion.set(1.0)
@@ -177,19 +177,19 @@ def count_unstable(system: System, K: PETSc.Mat) -> int:
     without inertia is K; `UNKNOWN` if it is not symmetric, gas flows, or the factorisation fails.
     Collective."""
     stiffnesses = []
-    for scalars in system.scalar_unknowns:
+    for scalars in system.equations.scalar_unknowns:
         if not scalars.is_closed:
             return UNKNOWN
         for gradient, stiffness in scalars.static_stiffness():
             gradient = gradient.copy()
-            gradient[system.supports.held] = 0.0
+            gradient[system.unknowns.supports.held] = 0.0
             if stiffness:
                 stiffnesses.append((gradient, stiffness))
     with symmetric_on_constraints(system, K) as symmetric:
         if symmetric is None:
             return UNKNOWN
         try:
-            negative = Spectrum(symmetric, system.M, stiffnesses).negative_pivots(0.0)
+            negative = Spectrum(symmetric, system.unknowns.M, stiffnesses).negative_pivots(0.0)
         except RuntimeError:
             return UNKNOWN
     # The matrix of which these are pivots has one of -1/κ for each gas.
@@ -206,7 +206,7 @@ def count_beyond_round_off(
     comm = system.comm
     is_free = part >= 0
     sizes = []
-    for matrix in (K, system.M):
+    for matrix in (K, system.unknowns.M):
         pointers, _, values = matrix.convert("aij", PETSc.Mat()).getValuesCSR()
         rows = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
         squares = np.zeros(parts)
@@ -218,8 +218,8 @@ def count_beyond_round_off(
     squares = np.divide(stiffnesses, masses, out=np.zeros(parts), where=masses > 0)
     # A part without any stiffness has that of the others.
     shifts = COUNTED_FROM * np.where(squares > 0, squares, squares.max(initial=0.0))
-    M = system.M.copy()
-    system.supports.clear(M, 0.0)
+    M = system.unknowns.M.copy()
+    system.unknowns.supports.clear(M, 0.0)
     scale = M.createVecLeft()
     scale.array[:] = np.where(is_free, np.sqrt(shifts[part]), 0.0)
     M.diagonalScale(scale, scale)
@@ -234,9 +234,9 @@ def count_beyond_round_off(
 def active_multipliers(system: System) -> int:
     """Number of Lagrange multipliers with an equation, each of which adds a negative eigenvalue to
     the tangent.  Collective."""
-    if system.constraints is None:
+    if system.equations.constraints is None:
         return 0
-    owned = system.constraints.owned
-    held = system.supports.held
+    owned = system.equations.constraints.owned
+    held = system.unknowns.supports.held
     idle = ((held >= owned.start) & (held < owned.stop)).sum()
     return int(system.comm.allreduce(int(owned.stop - owned.start - idle)))

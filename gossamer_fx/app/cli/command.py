@@ -496,7 +496,7 @@ def _show(case: Case, comm: MPI.Intracomm, restart: Path | None, changes: list[s
     run = case.simulation(restart=restart, changes=changes)
     about = describe(run)
     strange = list(warnings(run.scene.items))
-    films = [body for body in run.system.bodies if isinstance(body, Membrane)]
+    films = [body for body in run.system.unknowns.bodies if isinstance(body, Membrane)]
     # This search takes too long for every run; a dry run has the time.
     crossings = Crossings(*films)(run) if films else 0
     if crossings:

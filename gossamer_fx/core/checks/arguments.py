@@ -67,7 +67,7 @@ _DESCRIPTIONS = {
     "FilmLaw": "a law of films, e.g. Miyazaki",
     "IsotropicFilm": "a law of isotropic films, e.g. Miyazaki",
     "Obstacle": "an obstacle, e.g. a Plane",
-    "Assembly": "the system of an Equilibrium or a Simulation, or scene.compile()",
+    "System": "the system of an Equilibrium or a Simulation, or scene.compile()",
     "Enclosure": "a Piston",
 }
 _COUNTS = {2: "two", 3: "three", 4: "four"}

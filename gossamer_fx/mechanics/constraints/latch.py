@@ -151,7 +151,7 @@ class Latch:
         """The size of the moment [N m] or force [N] that the latch bore in the last step: a
         probe."""
         # One rank has the multipliers as one row, all others have no row.
-        own = multipliers_of(self._term(run), run.system).sum(axis=0)
+        own = multipliers_of(self._term(run), run.system.unknowns).sum(axis=0)
         λ: Array = run.system.comm.allreduce(own)
         # A rail has one multiplier, the force [N].
         if len(λ) == 1:
@@ -164,11 +164,11 @@ class Latch:
     def _values(self, run: HasSystem) -> Array:
         """Values (m,) of `_measure` in the present state: one of a rail, two of a hinge.
         Collective."""
-        return self._measure.at(run.system.state.vectors(self._measure.ports[0]).ravel())
+        return self._measure.at(run.system.unknowns.state.vectors(self._measure.ports[0]).ravel())
 
     def _term(self, run: HasSystem) -> PointConstraint:
         """The constraint in the scene of a run; `InputError` if there is none."""
-        terms = run.system.terms_of(self)
+        terms = run.system.unknowns.terms_of(self)
         check(bool(terms), f"Latch '{self.name}' is not in the scene of this run; add it.")
         return terms[0]
 
@@ -256,6 +256,6 @@ class HoldDown:
     def _states(self, run: HasSystem) -> list[LatchState]:
         """The history variables of each constraint of the joint in the scene of a run; `InputError`
         if it has none."""
-        terms = run.system.terms_of(self)
+        terms = run.system.unknowns.terms_of(self)
         check(bool(terms), f"HoldDown '{self.name}' is not in the scene of this run; add it.")
         return [term.latch for term in terms]

@@ -503,14 +503,14 @@ class Feedback:
     def spins(self, run: HasSystem) -> dict[str, float]:
         """Rate of each reaction wheel in inertial space [rad/s], by its name."""
         return {
-            name: law.momentum(run.system.time) / law.inertia
+            name: law.momentum(run.system.unknowns.time) / law.inertia
             for name, law in self._actuations(run).items()
             if isinstance(law, _WheelTorque)
         }
 
     def _loads(self, run: HasSystem) -> Sequence[_ActuatorLoad]:
         """The loads of the actuators in the scene of a run; `InputError` if there are none."""
-        loads = run.system.terms_of(self)
+        loads = run.system.unknowns.terms_of(self)
         check(bool(loads), f"Feedback '{self.name}' is not in the scene of this run; add it.")
         return cast("Sequence[_ActuatorLoad]", loads)
 

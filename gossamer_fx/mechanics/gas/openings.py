@@ -39,7 +39,7 @@ from gossamer_fx.mechanics.gas.contract import (
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
-from gossamer_fx.mechanics.gas.surface import Geometry
+from gossamer_fx.mechanics.gas.surface import Geometry, InStep, SeenSystem
 from gossamer_fx.mechanics.gas.tables import LinearTable
 from gossamer_fx.mechanics.gas.volumes import Chamber
 
@@ -342,7 +342,7 @@ class Valve(Orifice, Switch):
 
     def _passage(self, run: HasSystem) -> Passage:
         """The valve in a run.  `InputError`: it is not in the scene."""
-        for scalars in run.system.scalar_unknowns:
+        for scalars in run.system.equations.scalar_unknowns:
             if isinstance(scalars, GasNetwork):
                 return scalars.switch(self)
         raise InputError(f"'{self.name}' is not in the scene; add it.")
@@ -592,7 +592,8 @@ class FilmHeat(Wall):
         if not callable(given):
             return given
         what = f"FilmHeat '{self.name}': its temperature at t = {geometry.system.time:.6g} s"
-        found = float(ask_numbers(geometry.comm, what, lambda: given(geometry)))
+        seen = InStep(SeenSystem(geometry.system))
+        found = float(ask_numbers(geometry.comm, what, lambda: given(seen)))
         check(found > 0, f"{what} is {found!r} K; give one that is positive.")
         return found
 

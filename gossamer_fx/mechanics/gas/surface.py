@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 from petsc4py import PETSc
@@ -29,6 +30,21 @@ class Moving(Protocol):
 
 # The area of an opening that moves with bodies, taken at the middle of the coming step.
 MovingArea = Loop | CompiledFilmArea
+
+
+@dataclass
+class SeenSystem:
+    """What functions of the user see of a system."""
+
+    unknowns: Assembly
+
+
+@dataclass
+class InStep:
+    """A scene at the start of a step as a run, for functions of the user: probes read
+    `run.system.unknowns`."""
+
+    system: SeenSystem
 
 
 class Geometry:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Annotated, Any, ClassVar, cast
+from typing import Annotated, Any, ClassVar
 
 import ufl
 from dolfinx import fem, la
@@ -289,7 +289,9 @@ class _StartProduct:
         self._forms = []
         test = ufl.TestFunction(term.body.space)
         # Gradients make this object: all kinds have compiled their forms by then.
-        for kind in cast(Any, system).differentiable:
+        for kind in system.compiled:
+            if not isinstance(kind, Differentiable):
+                continue
             for form in kind.residual_forms(term.body, self.μ):
                 if any(function is term.values for function in form.coefficients()):
                     with_entries = ufl.replace(form, {term.values: entries})

@@ -245,10 +245,10 @@ class SolarHeating:
     def balance(self, run: HasSystem) -> HeatBalance:
         """The heat balance of a run in its present state.  Collective."""
         check(
-            run.system in self._temperatures,
+            run.system.unknowns in self._temperatures,
             f"'{self.name}' is not in the scene; add it to the scene.",
         )
-        return self._temperatures[run.system].balance()
+        return self._temperatures[run.system.unknowns].balance()
 
 
 def _of_faces(value: float | tuple[float, float]) -> tuple[float, float]:

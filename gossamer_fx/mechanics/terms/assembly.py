@@ -68,6 +68,7 @@ class Assembly(Protocol):
         end: positions at the end of the step, as iterated.
         v0: rates of the coordinates at the start of the step.
         previous: coordinates at the start of the last accepted step.
+        compiled: the compiled kinds of terms, once all are.
         geometric: share of the geometric stiffness that tangents have: 1, or 0 in initial
             iterations without it.
     """
@@ -75,6 +76,7 @@ class Assembly(Protocol):
     comm: MPI.Intracomm
     bodies: list[Body]
     terms: list[Term]
+    compiled: list[CompiledTerms[Never]]
     numbering: Numbering
     coordinates: dict[Body, Coordinates]
     rule: StressRule

@@ -85,8 +85,8 @@ class ScalarUnknowns(HistoryVariables):
         return
 
     def force_square(self) -> float:
-        """This rank's part of the square [N²] of the forces that cancel in those of `add_force`, of
-        which `System.force_scales` takes the round-off."""
+        """This rank's part of the square [N²] of the forces that cancel in those of
+        `add_force`, the scale of their round-off."""
         return 0.0
 
     def inadmissible(self) -> str:

@@ -155,9 +155,11 @@ class Samples:
         a node occurs once for each of its triangles.  Collective."""
         system = state.system
         cells = cells_of(film, group)
-        positions = system.state[film].local_positions()
+        positions = system.unknowns.state[film].local_positions()
         if at == "mean":
-            before = State(system.bodies, system.comm, system.previous, system.v0)
+            before = State(
+                system.unknowns.bodies, system.comm, system.unknowns.previous, system.unknowns.v0
+            )
             positions = (positions + before[film].local_positions()) / 2
         corners = positions[linear_pieces(film.full.space.dofmap.list[cells], 2)]
         sides = corners[:, 1:] - corners[:, :1]

@@ -64,7 +64,7 @@ class _HasBranches(Protocol):
 
 def _branches_of(body: MeshBody, system: System) -> list[Any]:
     """The branches of a viscoelastic body in a compiled scene; none of other bodies."""
-    kinds = system.compiled_as(_HasBranches)
+    kinds = system.equations.compiled_as(_HasBranches)
     return [branch for compiled in kinds for branch in compiled.branches_of(body)]
 
 
@@ -76,7 +76,7 @@ def has_unknown_stress(body: MeshBody, system: System) -> bool:
 
 def rule_at(at: At, system: System) -> StressRule:
     """The rule by which stresses follow from the last step: that of the run, or its end."""
-    return system.rule if at == "mean" else EndPoint()
+    return system.unknowns.rule if at == "mean" else EndPoint()
 
 
 class BodyShape:
@@ -103,7 +103,7 @@ class BodyShape:
     def __init__(self, system: System, body: MeshBody, at: At = "end") -> None:
         self._system = system
         self.rule = rule_at(at, system)
-        self._state = system.state[body]
+        self._state = system.unknowns.state[body]
         # Converts unknowns of the body to those of the mesh; of a reduced film they differ.
         self._reconstruct = body.reconstruct
         self._given_body = body
@@ -118,10 +118,12 @@ class BodyShape:
             self.q_start = fem.Function(self.body.space)
             α = self.rule.alpha
             self.q_acting = (1 - α) * self.q_start + α * self.q
-            self._before = State(system.bodies, system.comm, system.previous, system.v0)[body]
+            self._before = State(
+                system.unknowns.bodies, system.comm, system.unknowns.previous, system.unknowns.v0
+            )[body]
         # Of a law in C, and a reduced film: where on the path its stress is taken, from 0 to 1.
         self._on_path: fem.Constant | None = None
-        self._expansion = thermal_strain_of(system, body)
+        self._expansion = thermal_strain_of(system.unknowns, body)
         self.thermal_strain: Expr | None = None
         self.thermal_curvature: Expr | None = None
         self._curvature: ThermalCurvature | None = None
@@ -193,7 +195,7 @@ class BodyShape:
             return gradient(self.body.density, e1)
         energy = next(
             term
-            for term in self._system.terms
+            for term in self._system.unknowns.terms
             if isinstance(term, StoredEnergy) and term.body is self._given_body
         )
         if energy.c_law is not None or self.body is not self._given_body:
@@ -233,10 +235,10 @@ class BodyShape:
         step were: the one in its middle, unless they are those at the end.  Collective."""
         system = self._system
         difference = thermal.difference
-        thermal.set(difference, system.time)
+        thermal.set(difference, system.unknowns.time)
         if self.q_start is not None:
             at_end = difference.x.array.copy()
-            thermal.set(difference, system.previous_time)
+            thermal.set(difference, system.unknowns.previous_time)
             α = self.rule.alpha
             difference.x.array[:] = (1 - α) * difference.x.array + α * at_end
 
@@ -258,9 +260,9 @@ class AlternationWatch:
     def see(self, system: System, share: float) -> None:
         """Record the share that is taut at one end of the last step only, the same on every rank;
         once for each time."""
-        if system.time == self._last_time:
+        if system.unknowns.time == self._last_time:
             return
-        self._last_time = system.time
+        self._last_time = system.unknowns.time
         self._records = self._records + 1 if share > ALTERNATING_SHARE else 0
         if self._records < ALTERNATING_RECORDS or self._part in _warned:
             return
@@ -276,6 +278,6 @@ class AlternationWatch:
                 100 * ALTERNATING_SHARE,
                 self._share_of_it,
                 self._records,
-                system.time,
-                system.h,
+                system.unknowns.time,
+                system.unknowns.h,
             )

@@ -404,7 +404,7 @@ def _collect_pressure(function: fem.Function, film: MeshBody, system: System) ->
     set."""
     values = function.x.array
     values[:] = 0
-    for unknowns in system.scalar_unknowns:
+    for unknowns in system.equations.scalar_unknowns:
         for state in unknowns.states().values():
             enclosure = state.chamber.enclosure
             if enclosure is None or not any(film is one for one in enclosure.films):
@@ -419,7 +419,7 @@ def _collect_pressure(function: fem.Function, film: MeshBody, system: System) ->
 
 def _collect_group(function: fem.Function, film: MeshBody, system: System) -> None:
     """Set a discontinuous function to the number of each cell's part; see `groups_of`."""
-    films = [body for body in system.bodies if isinstance(body, Membrane)]
+    films = [body for body in system.unknowns.bodies if isinstance(body, Membrane)]
     _, parts_of_films = groups_of(films)
     for other, parts in zip(films, parts_of_films, strict=True):
         if other is film:
@@ -435,7 +435,7 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
     sums = function.x
     counts = fem.Function(function.function_space).x
     sums.array[:] = 0
-    for compiled in system.shown:
+    for compiled in system.equations.shown:
         found = compiled.cell_values(function.name, body)
         if found is None:
             continue
@@ -461,7 +461,7 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
     index_map = body.block.index_map
     at_nodes = la.vector(index_map)
     at_nodes.array[:] = 0
-    for compiled in system.shown:
+    for compiled in system.equations.shown:
         found = compiled.node_values(function.name, body)
         if found is None:
             continue
@@ -482,7 +482,7 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
 def _collect_temperature(function: fem.Function, body: MeshBody, system: System) -> None:
     """Set a discontinuous function to the temperature [K] of a film; zero if it has none.
     Collective."""
-    strain = thermal_strain_of(system, body)
+    strain = thermal_strain_of(system.unknowns, body)
     if strain is None:
         # Heated films without thermal expansion have a temperature in each cell.
         _collect_cell_values(function, body, system)
@@ -580,7 +580,7 @@ def positions(state: HasSystem, body: Body) -> Array:
         >>> gx.fields.positions(run, mass)
         array([[ 0.,  0., -1.]])
     """
-    return state.system.state[body].node_positions().copy()
+    return state.system.unknowns.state[body].node_positions().copy()
 
 
 @check_arguments

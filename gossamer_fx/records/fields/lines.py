@@ -91,7 +91,7 @@ def line_values(state: HasSystem, line: Curve | DrawnAsLines, *, at: At = "mean"
     system = state.system
     forces = line_forces(system, line, at)
     ends = list(line.lines_to_draw)
-    points = system.state.vectors([end for pair in ends for end in pair])
+    points = system.unknowns.state.vectors([end for pair in ends for end in pair])
     middles = points.reshape(-1, 2, 3).mean(axis=1)
     order = _order_along_line([(vector_key(a), vector_key(b)) for a, b in ends])
     # The numbers of bars depend on the number of ranks; initial positions do not.
@@ -228,7 +228,7 @@ class LineForces:
 
 def line_forces(system: System, connector: DrawnAsLines, at: At) -> LineForces:
     """Tensions of a connector in the last step, and lengths at its end.  Collective."""
-    terms = system.terms_of(connector)
+    terms = system.unknowns.terms_of(connector)
     check(
         bool(terms),
         f"'{connector.name}' is not in the scene; ask for a part that is in it.",
@@ -250,7 +250,7 @@ def _of_stored_energy(
     ½(l²/L² - 1), so that l²/L² = (c - e)/c.  The mean force of a step acts in its middle, whose
     length is that of the tension.
     """
-    [compiled] = system.compiled_as(PointEnergies)
+    [compiled] = system.equations.compiled_as(PointEnergies)
     count = len(term.measure.ports)
     is_tape = bool(np.any(term.measure.c))
     if is_tape:
@@ -282,7 +282,7 @@ def _of_stored_energy(
     )
     at_end, stress_at_end = compiled.stresses(term, EndPoint())
     own_values[1, here] = length(at_end[:, 0] - offset)
-    if not system.rule.acts_at_end:
+    if not system.unknowns.rule.acts_at_end:
         _, stress_at_start = compiled.stresses(term, EndPoint(), at_start=True)
         # Springs are never without any stress.
         own_values[2, here] = (stress_at_end[:, 0] == 0) != (stress_at_start[:, 0] == 0)
@@ -299,11 +299,11 @@ def _of_reel(system: System, connector: DrawnAsLines, at: At) -> LineForces:
     # Imported here: a scene without a reel does not load it.
     from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
 
-    for ropes in system.compiled_as(PaidOutRopes):
+    for ropes in system.equations.compiled_as(PaidOutRopes):
         for number, term in enumerate(ropes.terms):
             # The names of parts are unique in a scene.
             if term.name == connector.name:
-                ends = system.state.vectors(connector.lines_to_draw[0])
+                ends = system.unknowns.state.vectors(connector.lines_to_draw[0])
                 length = float(np.linalg.norm(ends[1] - ends[0]))
                 one = slice(number, number + 1)
                 return LineForces(

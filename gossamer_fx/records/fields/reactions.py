@@ -52,7 +52,9 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     """
     centre = np.asarray(about, dtype=float)
     # A support fixes coordinates, or holds rotations by constraints with multipliers, or both.
-    terms = [t for t in system.terms_of(support) if isinstance(t, Support | PointConstraint)]
+    terms = [
+        t for t in system.unknowns.terms_of(support) if isinstance(t, Support | PointConstraint)
+    ]
     check(bool(terms), _not_found(system, support, "support"))
     total = np.zeros((2, 3))
     for term in terms:
@@ -62,7 +64,7 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
             total += _constraint_share(
                 system,
                 term.measure,
-                λ=multipliers_of(term, system),
+                λ=multipliers_of(term, system.unknowns),
                 counts=lambda port: True,
                 centre=centre,
             )
@@ -85,7 +87,7 @@ def joint_force(
         Force (3,) [N] and moment (3,) [N m], the same on every rank.
     """
     centre = np.asarray(about, dtype=float)
-    terms = [term for term in system.terms_of(joint) if isinstance(term, PointConstraint)]
+    terms = [term for term in system.unknowns.terms_of(joint) if isinstance(term, PointConstraint)]
     check(bool(terms), _not_found(system, joint, "joint"))
     # The ground has no unknowns: the force on it is the opposite of that on the other side.
     second = list(_bodies(joint.b))
@@ -96,7 +98,7 @@ def joint_force(
 
     total = np.zeros((2, 3))
     for term in terms:
-        λ = multipliers_of(term, system)
+        λ = multipliers_of(term, system.unknowns)
         total += sign * _constraint_share(system, term.measure, λ, on_side, centre)
     total = system.comm.allreduce(total)
     return total[0], total[1]
@@ -105,10 +107,10 @@ def joint_force(
 def _not_found(system: System, item: NamedPart, wanted: str) -> str:
     """Why the force of an item is not known as that of a support or joint, and what to ask for."""
     name = item.name
-    for holder in system.items:
+    for holder in system.unknowns.items:
         if getattr(holder, "joint", None) is item:
             return f"'{name}' is held by a {type(holder).__name__}; ask for the force of that one."
-    if all(other is not item for other in system.items):
+    if all(other is not item for other in system.unknowns.items):
         return (
             f"'{name}' is not a {wanted} of this scene; add it to the scene, or ask for one that "
             "is in it."
@@ -116,7 +118,7 @@ def _not_found(system: System, item: NamedPart, wanted: str) -> str:
     kind = type(item).__name__
     if isinstance(item, DrawnAsLines):
         return f"'{name}' is a {kind}, which pulls along its line; ask for its gx.probes.Tension."
-    if any(isinstance(term, Support) for term in system.terms_of(item)):
+    if any(isinstance(term, Support) for term in system.unknowns.terms_of(item)):
         return (
             f"'{name}' is a {kind}, a support and not a joint; ask for its force by "
             "equilibrium.reaction."
@@ -145,19 +147,21 @@ def _support_share(system: System, term: Support, centre: Array) -> Array:
     Args:
         centre: point (3,) [m] of the moment.
     """
-    owned = system.block(term.body).owned
+    owned = system.unknowns.block(term.body).owned
     vectors = term.body.block.size // 3
     mine = _owned_coordinates(system, term)
-    holders = np.zeros(system.numbering.size_local)
-    for other in system.terms:
+    holders = np.zeros(system.unknowns.numbering.size_local)
+    for other in system.unknowns.terms:
         if isinstance(other, Support) and other.body is term.body:
             holders[_owned_coordinates(system, other)] += 1
     # Reactions are stored for all fixed coordinates of the system, in their order.
-    reactions = system.supports.reactions[np.searchsorted(system.supports.held, mine)]
-    all_forces = np.zeros(system.numbering.size_local)
+    reactions = system.unknowns.supports.reactions[
+        np.searchsorted(system.unknowns.supports.held, mine)
+    ]
+    all_forces = np.zeros(system.unknowns.numbering.size_local)
     all_forces[mine] = reactions / holders[mine]
     forces = all_forces[owned].reshape(-1, vectors, 3)
-    arms = system.q0.array_r[owned].reshape(-1, vectors, 3).copy()
+    arms = system.unknowns.q0.array_r[owned].reshape(-1, vectors, 3).copy()
     # Only positions have an arm about the centre; directors turn about their own origin.
     arms[:, 0] -= centre
     return np.array([forces[:, 0].sum(axis=0), np.cross(arms, forces).sum(axis=(0, 1))])
@@ -165,7 +169,7 @@ def _support_share(system: System, term: Support, centre: Array) -> Array:
 
 def _owned_coordinates(system: System, term: Support) -> npt.NDArray[np.int64]:
     """Local numbers of the coordinates that a support holds on this rank, each once."""
-    owned = system.block(term.body).owned
+    owned = system.unknowns.block(term.body).owned
     on_this_rank = term.dofs[term.dofs < owned.stop - owned.start]
     return np.unique(on_this_rank).astype(np.int64) + owned.start
 
@@ -191,13 +195,15 @@ def _constraint_share(
         Force [N] and moment [N m], as rows (2, 3).
     """
     # α: weight of the end of the step in the point at which its forces acted.
-    α = system.rule.alpha
+    α = system.unknowns.rule.alpha
     total = np.zeros((2, 3))
     # The vectors X of a tuple of ports are P q + o, linear in its unknowns q.
     own = [measure.ports[i] for i in evaluated_here(measure.ports)]
-    attached = [attach(system.numbering, system.bodies, ports) for ports in own]
-    gather = Gather(system.numbering, [indices for indices, _, _ in attached])
-    of_tuples = zip(own, attached, gather(system.q0), gather(system.previous), λ, strict=True)
+    attached = [attach(system.unknowns.numbering, system.unknowns.bodies, ports) for ports in own]
+    gather = Gather(system.unknowns.numbering, [indices for indices, _, _ in attached])
+    of_tuples = zip(
+        own, attached, gather(system.unknowns.q0), gather(system.unknowns.previous), λ, strict=True
+    )
     for ports, (_, P, o), q_end, q_start, multipliers in of_tuples:
         # Where the forces of the last step acted.
         X = P @ ((1 - α) * q_start + α * q_end) + o

@@ -31,7 +31,7 @@ def describe(run: StateView) -> Description:
     system = run.system
     totals = run.totals
     massive: set[Body] = set()  # bodies with a mass
-    for term in system.terms:
+    for term in system.unknowns.terms:
         if isinstance(term, KineticEnergy):
             massive.add(term.body)
         if isinstance(term, AttachedKineticEnergy):
@@ -40,7 +40,7 @@ def describe(run: StateView) -> Description:
     # bodies.
     bodies = {}
     section_frames = []
-    for body in system.bodies:
+    for body in system.unknowns.bodies:
         if body in massive:
             bodies[body.name] = _body(run, body)
         else:
@@ -55,7 +55,7 @@ def describe(run: StateView) -> Description:
         }
     items = {item.name: type(item).__name__ for item in run.scene.items if not is_body(item)}
     return {
-        "unknowns": system.numbering.size + system.scalar_count,
+        "unknowns": system.unknowns.numbering.size + system.matrices.scalar_count,
         "ranks": run.comm.size,
         "bodies": bodies,
         "section frames": section_frames,
@@ -75,7 +75,7 @@ def _body(run: StateView, body: Body) -> Description:
         [m].
     """
     nodes = body.block.index_map.size_global
-    positions = run.system.state[body].node_positions()
+    positions = run.system.unknowns.state[body].node_positions()
     found: Description = {
         "kind": type(body).__name__,
         "nodes": nodes,
@@ -109,14 +109,14 @@ def _body(run: StateView, body: Body) -> Description:
 def _mass(run: StateView, body: Body) -> float:
     """Mass of a body [kg]: e·M e, where e moves it along x by one and nothing else.  Collective."""
     system = run.system
-    owned = system.block(body).owned
+    owned = system.unknowns.block(body).owned
     along_x = np.zeros(owned.stop - owned.start)
     # The first vector of each node is its position; others are directors, which do not move.
     along_x.reshape(-1, 3)[:: body.block.size // 3, 0] = 1.0
-    motion = system.numbering.vector()
+    motion = system.unknowns.numbering.vector()
     motion.array[owned] = along_x
-    momentum = system.M.createVecLeft()
-    system.M.mult(motion, momentum)
+    momentum = system.unknowns.M.createVecLeft()
+    system.unknowns.M.mult(motion, momentum)
     return float(motion.dot(momentum))
 
 

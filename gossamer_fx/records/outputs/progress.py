@@ -98,7 +98,7 @@ class Progress:
         self._line = StatusLine(self._stream, self._interval)
         self._print(
             run,
-            f"{run.system.numbering.size} unknowns, "
+            f"{run.system.unknowns.numbering.size} unknowns, "
             f"compiled in {run.account.compile_seconds:.1f} s\n",
         )
 
@@ -129,7 +129,7 @@ class Progress:
             share = (run.time - self._start) / max(account.until - self._start, TINY)
             elapsed = time.monotonic() - self._line.started
             left = elapsed * (1 - share) / max(share, TINY)
-            words += f"   h {run.system.h:.2g} s   {100 * share:.0f}%, {left:.0f} s left"
+            words += f"   h {run.system.unknowns.h:.2g} s   {100 * share:.0f}%, {left:.0f} s left"
         return words
 
     def close(self, run: StateView) -> None:

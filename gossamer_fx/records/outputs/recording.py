@@ -81,7 +81,7 @@ REST = np.vstack([np.zeros(3), np.eye(3)])
 def solids_of(system: System) -> list[Solid]:
     """The solids of all terms of a scene, e.g. rigid bodies and obstacles."""
     solids: list[Solid] = []
-    for compiled in system.shown:
+    for compiled in system.equations.shown:
         solids += compiled.solids()
     return solids
 
@@ -96,12 +96,12 @@ def pose_of(solid: Solid, system: System) -> Array:
     """
     if solid.on is not None:
         # One rank has the body's only node, and all others an empty array.
-        own = system.state[solid.on].coordinates().copy()
+        own = system.unknowns.state[solid.on].coordinates().copy()
         poses = np.concatenate(system.comm.allgather(own))
         return np.asarray(poses[0])
     origin: Array = np.zeros(3)
     if solid.motion is not None:
-        origin = np.asarray(solid.motion(system.time), dtype=float)
+        origin = np.asarray(solid.motion(system.unknowns.time), dtype=float)
     # A prescribed motion moves the origin, and does not turn the axes.
     return np.vstack([REST[0] + origin, REST[1:]])
 
@@ -342,8 +342,8 @@ class Recording:
     def _prepare(self, run: StateView) -> None:
         """Make the outputs, and the part of run.json that does not change.  Collective."""
         make_parent(run.comm, self.folder / "run.json")
-        films = [body for body in run.system.bodies if isinstance(body, Membrane)]
-        names = [body.name for body in run.system.bodies if is_on_mesh(body)]
+        films = [body for body in run.system.unknowns.bodies if isinstance(body, Membrane)]
+        names = [body.name for body in run.system.unknowns.bodies if is_on_mesh(body)]
         for name in self.fields:
             check(
                 name in names,
@@ -370,7 +370,7 @@ class Recording:
     def _make_fields(self, run: StateView) -> dict[str, VTU]:
         """The outputs of fields by the names of bodies: one for each body on a mesh."""
         outputs: dict[str, VTU] = {}
-        for body in run.system.bodies:
+        for body in run.system.unknowns.bodies:
             if not is_on_mesh(body):
                 continue
             output = VTU(
@@ -408,7 +408,7 @@ class Recording:
             if item.name in flows:
                 gas[f"{item.name} flow [kg/s]"] = GasFlow(item)
         points: dict[str, Probe] = {}
-        for body in run.system.bodies:
+        for body in run.system.unknowns.bodies:
             if not is_on_mesh(body):
                 for axis in AXES:
                     points[f"{body.name} {axis}"] = Position(Port(body, (0,)), axis)
@@ -489,7 +489,7 @@ class Recording:
 
 def _mass_of(chamber: str, gas: Gas, run: StateView) -> float:
     """Mass [kg] of a species in a chamber, as a probe."""
-    return run.system.chamber(chamber).mass_of(gas)
+    return run.chamber(chamber).mass_of(gas)
 
 
 def _tension_columns(run: StateView, at: At) -> dict[str, Probe]:
@@ -563,6 +563,6 @@ class ConnectorLines(TableOutput):
         return bool(self._ends)
 
     def values(self, run: StateView) -> dict[str, Any]:
-        points = run.system.state.vectors(list(self._ends.values()))
+        points = run.system.unknowns.state.vectors(list(self._ends.values()))
         columns = [f"{name}{axis}" for name in self._ends for axis in "xyz"]
         return dict(zip(columns, points.ravel().tolist(), strict=True))

@@ -25,7 +25,7 @@ from gossamer_fx.records.outputs.output import Output, Writing, begin
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.outputs.run_file import FileLocks
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import TIME, Account, Axis, StateView
+from gossamer_fx.solve.view import TIME, Account, Axis, StateView, chamber_state, chamber_states
 
 # Size of the motion in the record of a mode, over the largest side of the scene.
 AMPLITUDE_RATIO = 0.05
@@ -89,9 +89,9 @@ class ModeView:
         self._frames = frames
         self._frequency = mode.frequency or 1.0
         # State of the equilibrium, to be restored at the end.
-        self._q0 = self.system.q0.array_r.copy()
-        self._v0 = self.system.v0.array_r.copy()
-        self._time0 = self.system.time
+        self._q0 = self.system.unknowns.q0.array_r.copy()
+        self._v0 = self.system.unknowns.v0.array_r.copy()
+        self._time0 = self.system.unknowns.time
         scale = amplitude / _largest_displacement(self.comm, mode)
         self._shape = scale * mode.shape
         # Of the modal mass of 1 kg: ½ ω² |scale|².
@@ -105,7 +105,7 @@ class ModeView:
         }
         for axis, mass in zip("xyz", mode.effective_mass, strict=True):
             self._result[f"effective mass {axis} [kg]"] = float(mass)
-        self.system.shown.append(_ModeAmplitude(self))
+        self.system.equations.shown.append(_ModeAmplitude(self))
 
     def show(self, step: int) -> None:
         """Put the state of a step into the system; its phase is 2π step/frames."""
@@ -114,28 +114,28 @@ class ModeView:
         turned = self._shape * complex(math.cos(self._phase), math.sin(self._phase))
         ω = 2 * math.pi * self._frequency
         # Multipliers follow the coordinates; they are not drawn.
-        self.system.q0.array[:] = self._q0 + turned.real
-        self.system.v0.array[:] = -ω * turned.imag
-        self.system.time = step / self._frames / self._frequency
+        self.system.unknowns.q0.array[:] = self._q0 + turned.real
+        self.system.unknowns.v0.array[:] = -ω * turned.imag
+        self.system.unknowns.time = step / self._frames / self._frequency
 
     def end(self) -> None:
         """Put the equilibrium back."""
         system = self.system
-        system.shown.pop()
-        system.q0.array[:] = self._q0
-        system.v0.array[:] = self._v0
-        system.time = self._time0
+        system.equations.shown.pop()
+        system.unknowns.q0.array[:] = self._q0
+        system.unknowns.v0.array[:] = self._v0
+        system.unknowns.time = self._time0
 
     def displaced(self, body: Body) -> Array:
         """Distances (n,) [m] of the nodes that this rank owns from the equilibrium."""
-        owned = self.system.block(body).owned
-        moved = (self.system.q0.array_r - self._q0)[owned]
+        owned = self.system.unknowns.block(body).owned
+        moved = (self.system.unknowns.q0.array_r - self._q0)[owned]
         positions = moved.reshape(-1, body.block.size // 3, 3)[:, 0]
         return np.linalg.norm(positions, axis=1)
 
     @property
     def time(self) -> float:
-        return self.system.time
+        return self.system.unknowns.time
 
     @property
     def totals(self) -> Totals:
@@ -165,10 +165,10 @@ class ModeView:
 
     @property
     def chambers(self) -> Mapping[str, Any]:
-        return self.system.chambers
+        return chamber_states(self.system)
 
     def chamber(self, name: str) -> Any:
-        return self.system.chamber(name)
+        return chamber_state(self.system, name)
 
 
 class _ModeAmplitude(Shown):
@@ -280,7 +280,7 @@ def record_modes(
     if amplitude is None:
         amplitude = AMPLITUDE_RATIO * _scene_size(equilibrium)
     fields = {}
-    for body in equilibrium.system.bodies:
+    for body in equilibrium.system.unknowns.bodies:
         if isinstance(body, Membrane) and is_on_mesh(body):
             fields[body.name] = MODE_FIELDS
     folders = []
@@ -336,7 +336,7 @@ class OpenedOutputs(ExitStack):
 
 def _scene_size(view: StateView) -> float:
     """Largest side of the box around all bodies [m]; 1 m for a scene of one point.  Collective."""
-    positions = [body.node_positions() for body in view.system.state]
+    positions = [body.node_positions() for body in view.system.unknowns.state]
     low, high = box(view.comm, np.concatenate([np.zeros((0, 3)), *positions]))
     return float((high - low).max()) or 1.0
 

@@ -157,7 +157,7 @@ class VTU:
 
     def _chosen_body(self, run: StateView) -> MeshBody:
         """The body whose fields are recorded: the given one, else the only one on a mesh."""
-        bodies = [one for one in run.system.bodies if is_on_mesh(one)]
+        bodies = [one for one in run.system.unknowns.bodies if is_on_mesh(one)]
         names = ", ".join(f"'{one.name}'" for one in bodies) or "none"
         if self.body is None:
             check(

@@ -152,7 +152,7 @@ class Picture(DrawnRun):
         Args:
             run: with the films of the scene.
         """
-        films = [body.name for body in run.system.bodies if isinstance(body, Membrane)]
+        films = [body.name for body in run.system.unknowns.bodies if isinstance(body, Membrane)]
         return Recording(
             self.folder,
             fields=dict.fromkeys(films, ("displacement", self.colour)),

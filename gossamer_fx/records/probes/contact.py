@@ -29,7 +29,7 @@ from gossamer_fx.solve.view import ForSystem, StateView
 
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
     """The compiled pairs of a contact in a run."""
-    for compiled in run.system.compiled_as(CompiledContact):
+    for compiled in run.system.equations.compiled_as(CompiledContact):
         if compiled.item is contact:
             return compiled
     raise InputError(f"'{contact.name}' is not in the scene; add it, or remove its probe.")
@@ -62,7 +62,7 @@ class ContactGap:
     def __call__(self, run: Any) -> float:
         """The least gap [m] of all candidates in the state of a run.  Collective."""
         contact_set = contact_set_of(self.contact, run)
-        x = contact_set.points.at(run.system.q0, run.system.time)
+        x = contact_set.points.at(run.system.unknowns.q0, run.system.unknowns.time)
         # At the accepted state: the pairs' distances of the last iterate may belong to another
         # one.
         pairs = contact_set.candidates
@@ -232,7 +232,7 @@ class Penetrations:
         """Number of intersecting pairs of all ranks in the present state of a run; collective."""
         contact_set = contact_set_of(self.contact, run)
         mesh = contact_set.mesh
-        x = contact_set.points.at(run.system.q0, run.system.time)
+        x = contact_set.points.at(run.system.unknowns.q0, run.system.unknowns.time)
         return float(run.comm.allreduce(len(find_intersections(mesh.surface, x, mesh.own_edges))))
 
 
@@ -269,7 +269,7 @@ class Crossings:
             )
         self.bodies = bodies
         self._mesh = ForSystem(
-            lambda system: CollisionMesh(bodies, [], [0.0] * len(bodies), system)
+            lambda system: CollisionMesh(bodies, [], [0.0] * len(bodies), system.unknowns)
         )
 
     def __call__(self, run: StateView) -> float:
@@ -284,15 +284,15 @@ class Crossings:
         system = run.system
         for film in self.bodies:
             check(
-                any(film is body for body in system.bodies),
+                any(film is body for body in system.unknowns.bodies),
                 f"'{film.name}' is not in the scene; add it, or remove its probe.",
             )
         c_library(HEADER, run.comm)
         mesh = self._mesh(system)
-        x = mesh.points.at(system.q0, system.time)
+        x = mesh.points.at(system.unknowns.q0, system.unknowns.time)
         import_facets(mesh, x, x)
         # The points of the mesh may be other ones now.
-        x = mesh.points.at(system.q0, system.time)
+        x = mesh.points.at(system.unknowns.q0, system.unknowns.time)
         found = find_intersections(mesh.surface, x, mesh.own_edges)
         # An edge counts once, however many triangles it intersects.
         return float(run.comm.allreduce(len(np.unique(found[:, 0]))))

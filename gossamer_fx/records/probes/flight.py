@@ -63,7 +63,7 @@ class OrbitState:
             InputError: the orbit is not in the scene, the motion has no orbital elements (a fall
                 straight down or a parabola), or the direction to the Sun is not known.
         """
-        position, velocity = self.orbit.flight(run.system).state()
+        position, velocity = self.orbit.flight(run.system.unknowns).state()
         if self.quantity in get_args(Element):
             elements = elements_of(position, velocity, self.orbit.mu)
             return float(getattr(elements, self.quantity))
@@ -96,7 +96,7 @@ class SunAngle:
 
     def __call__(self, run: StateView) -> float:
         """The angle [rad] in the state of a run, 0 to π."""
-        position, _ = self.orbit.flight(run.system).state()
+        position, _ = self.orbit.flight(run.system.unknowns).state()
         to_sun = self.orbit.sun(run.time) - position
         return _angle(to_sun, direction_of(run, self.of))
 
@@ -125,7 +125,7 @@ class Attitude:
 
     def __call__(self, run: StateView) -> float:
         """The angle [rad] in the state of a run, 0 to π."""
-        position, velocity = self.orbit.flight(run.system).state()
+        position, velocity = self.orbit.flight(run.system.unknowns).state()
         axes = local_axes(position, velocity)
         column = get_args(OrbitAxis).index(self.axis)
         return _angle(axes[:, column], direction_of(run, self.of))
@@ -177,14 +177,14 @@ class LoadResultant:
         if self.action == "force":
             return float(force[component])
         # Resultants are about the origin of the frame, which only follows the centre of mass.
-        centre = self.orbit.flight(run.system).centre
+        centre = self.orbit.flight(run.system.unknowns).centre
         about_centre = torque - np.cross(centre, force)
         return float(about_centre[component])
 
 
 def resultant(run: StateView, load: str) -> Array:
     """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3)."""
-    found = run.system.resultants()
+    found = run.system.balance.resultants()
     # Before the first step no load has acted, so none has a resultant yet.
     check(load in found or run.step == 0, f"The scene has no load '{load}'.")
     return found.get(load, np.zeros((2, 3)))
@@ -199,8 +199,8 @@ def direction_of(run: StateView, of: Membrane | Port) -> Array:
         of: the film, or a vector attached to a body, such as a director [-].
     """
     if isinstance(of, Port):
-        return run.system.state.vector(of)
-    positions = run.system.state[of].local_positions()
+        return run.system.unknowns.state.vector(of)
+    positions = run.system.unknowns.state[of].local_positions()
     owned = of.mesh.domain.topology.index_map(2).size_local
     # The first three nodes of a triangle are its corners, also of order 2.
     corners = cell_nodes(of.space)[:owned, :3]

@@ -15,7 +15,7 @@ from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.records.fields.reactions import Joint, joint_force
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import ForSystem, StateView
+from gossamer_fx.solve.view import ForSystem, StateView, chamber_state
 
 # The gas package is imported for its types only: most scenes with probes have no gas.
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Position:
 
     def __call__(self, run: StateView) -> float:
         """The coordinate [m] in the state of a run."""
-        return float(run.system.state.vector(self.port)[AXES[self.axis]])
+        return float(run.system.unknowns.state.vector(self.port)[AXES[self.axis]])
 
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
@@ -74,7 +74,9 @@ class Position:
     def _add_weights(self, system: System, vector: PETSc.Vec) -> None:
         """Add the weights with which the port takes the coordinate from the unknowns of its
         body."""
-        indices, weights, _ = attach(system.numbering, system.bodies, (self.port,))
+        indices, weights, _ = attach(
+            system.unknowns.numbering, system.unknowns.bodies, (self.port,)
+        )
         if is_evaluated_here((self.port,)):
             row = weights[AXES[self.axis]]
             # One rank adds the weights, some of which may belong to unknowns of another.
@@ -101,7 +103,7 @@ class Displacement(Position):
 
     def __call__(self, run: StateView) -> float:
         """The component [m] in the state of a run."""
-        start = run.system.initial.vector(self.port)
+        start = run.system.unknowns.initial.vector(self.port)
         return super().__call__(run) - float(start[AXES[self.axis]])
 
 
@@ -126,7 +128,7 @@ class Velocity(Position):
 
     def __call__(self, run: StateView) -> float:
         """The component [m/s] in the state of a run."""
-        return float(run.system.state.rate(self.port)[AXES[self.axis]])
+        return float(run.system.unknowns.state.rate(self.port)[AXES[self.axis]])
 
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
@@ -164,7 +166,7 @@ class GasState:
         Raises:
             InputError: the chamber is not in the scene of the run.
         """
-        return float(getattr(run.system.chamber(self.chamber.name), self.quantity))
+        return float(getattr(chamber_state(run.system, self.chamber.name), self.quantity))
 
 
 @check_arguments
@@ -198,7 +200,7 @@ class GasFlow:
 def gas_flows(system: System) -> dict[str, float]:
     """Mass flows [kg/s] through all openings by name, means of the last step."""
     found: dict[str, float] = {}
-    for scalars in system.scalar_unknowns:
+    for scalars in system.equations.scalar_unknowns:
         found |= scalars.flows()
     return found
 
@@ -232,8 +234,8 @@ class AngularVelocity:
 
     def __call__(self, run: StateView) -> float:
         """The component [rad/s] in the state of a run."""
-        directors = run.system.state.vectors(self._directors)
-        rates = run.system.state.rates(self._directors)
+        directors = run.system.unknowns.state.vectors(self._directors)
+        rates = run.system.unknowns.state.rates(self._directors)
         # A beam's section has two directors; the sum needs the normal too.
         if len(directors) == 2:
             directors, rates = _with_normal(directors, rates)
@@ -302,11 +304,11 @@ class RingArea:
         from gossamer_fx.mechanics.gas.ring import Loop
 
         check(
-            self.ring.body in system.bodies,
+            self.ring.body in system.unknowns.bodies,
             f"'{self.ring.body.name}' is not in the scene; add it, or remove the probe of its "
             "ring.",
         )
-        return Loop(self.ring, system)
+        return Loop(self.ring, system.unknowns)
 
 
 def _with_normal(directors: Array, rates: Array) -> tuple[Array, Array]:

@@ -59,7 +59,7 @@ class AngularMomentum:
         if self.frame is None:
             return float(momentum[AXES[self.axis]])
         director = self.frame.directors[AXES[self.axis]]
-        return float(momentum @ run.system.state.vectors([director])[0])
+        return float(momentum @ run.system.unknowns.state.vectors([director])[0])
 
 
 @check_arguments
@@ -89,7 +89,7 @@ class Nutation:
     def __call__(self, run: StateView) -> float:
         """The angle [rad] in the state of a run; 0 where nothing turns."""
         momentum = angular_momentum_about_centre(run)
-        axis = run.system.state.vectors([self.frame.directors[2]])[0]
+        axis = run.system.unknowns.state.vectors([self.frame.directors[2]])[0]
         # The angle from its sine and its cosine: the cosine alone has no digits of small ones.
         across = float(np.linalg.norm(np.cross(axis, momentum)))
         return math.atan2(across, float(axis @ momentum))
@@ -107,17 +107,17 @@ def angular_momentum_about_centre(run: StateView) -> Array:
     """Angular momentum (3,) [kg m²/s] of all bodies and reaction wheels about their centre of
     mass."""
     system = run.system
-    momenta = system.v0.duplicate()
-    system.M.mult(system.v0, momenta)
-    is_position = system.position_marks  # (n,), 1 for positions and 0 for directors
+    momenta = system.unknowns.v0.duplicate()
+    system.unknowns.M.mult(system.unknowns.v0, momenta)
+    is_position = system.unknowns.position_marks  # (n,), 1 for positions and 0 for directors
     size = 3 * len(is_position)  # without multipliers
     # p: momenta [kg m/s], q: coordinates [m] of this rank's vectors (n, 3): positions and
     # directors.
     p = momenta.array_r[:size].reshape(-1, 3)
-    q = system.q0.array_r[:size].reshape(-1, 3)
+    q = system.unknowns.q0.array_r[:size].reshape(-1, 3)
     # Directors have angular momentum, but no momentum.
     own = np.concatenate([is_position @ p, np.cross(q, p).sum(axis=0)])
-    for wheels in system.compiled_as(_HasWheels):
+    for wheels in system.equations.compiled_as(_HasWheels):
         own[3:] += wheels.wheel_momentum()
     momenta.destroy()
     sums = run.comm.allreduce(own)
@@ -126,10 +126,10 @@ def angular_momentum_about_centre(run: StateView) -> Array:
 
 def centre_of_mass(system: System) -> Array:
     """Centre of mass (3,) [m] of all bodies of a scene; NaN for a scene without mass."""
-    is_position = system.position_marks  # (n,), 1 for positions and 0 for directors
+    is_position = system.unknowns.position_marks  # (n,), 1 for positions and 0 for directors
     size = 3 * len(is_position)
-    translation = system.q0.duplicate()
-    weight = system.q0.duplicate()
+    translation = system.unknowns.q0.duplicate()
+    weight = system.unknowns.q0.duplicate()
     masses = np.zeros(3)
     first_moments = np.zeros(3)
     for axis in range(3):
@@ -137,9 +137,9 @@ def centre_of_mass(system: System) -> Array:
         with translation as entries:
             # A translation moves positions, not directors and multipliers.
             entries[:size].reshape(-1, 3)[:, axis] = is_position
-        system.M.mult(translation, weight)
+        system.unknowns.M.mult(translation, weight)
         masses[axis] = weight.dot(translation)
-        first_moments[axis] = weight.dot(system.q0)
+        first_moments[axis] = weight.dot(system.unknowns.q0)
     translation.destroy()
     weight.destroy()
     return first_moments / masses
@@ -178,7 +178,7 @@ class MeanSpin:
             InputError: the body is not in the scene.
         """
         system = run.system
-        state = system.state[self.body]
+        state = system.unknowns.state[self.body]
         # The two components across the axis, in the order of a positive rotation
         first = (AXES[self.axis] + 1) % 3
         plane = [first, (first + 1) % 3]
@@ -224,13 +224,13 @@ class MeanSpin:
         Returns:
             products (n, 2), in the unit of the values times kg.
         """
-        owned = system.state[self.body].owned
-        alone = system.q0.duplicate()
-        product = system.q0.duplicate()
+        owned = system.unknowns.state[self.body].owned
+        alone = system.unknowns.q0.duplicate()
+        product = system.unknowns.q0.duplicate()
         alone.set(0.0)
         with alone as entries:
             entries[owned].reshape(-1, 3)[:, plane] = values
-        system.M.mult(alone, product)
+        system.unknowns.M.mult(alone, product)
         result: Array = product.array_r[owned].reshape(-1, 3)[:, plane].copy()
         alone.destroy()
         product.destroy()
@@ -271,7 +271,7 @@ class PolarPosition:
             InputError: the body of the point or of the frame is not in the scene.
         """
         ports = [self.port, self.frame.origin, *self.frame.directors]
-        point, origin, first_axis, second_axis, _ = run.system.state.vectors(ports)
+        point, origin, first_axis, second_axis, _ = run.system.unknowns.state.vectors(ports)
         arm = point - origin
         along_first = float(arm @ first_axis)
         along_second = float(arm @ second_axis)
@@ -382,7 +382,7 @@ class Imbalance:
 
 def cylindrical(run: StateView, ports: Sequence[Port], frame: Frame) -> tuple[Array, Array]:
     """Heights and radii (n,) [m] of points in a frame, on every rank.  Collective."""
-    vectors = run.system.state.vectors([*ports, frame.origin, *frame.directors])
+    vectors = run.system.unknowns.state.vectors([*ports, frame.origin, *frame.directors])
     points = np.array(vectors[: len(ports)])
     origin, *axes = vectors[len(ports) :]
     components = (points - origin) @ np.array(axes).T

@@ -162,11 +162,11 @@ def all_names(system: System) -> list[Names]:
     Returns:
         an array (n,) of integers of 64 bits for each block, the same on any number of ranks.
     """
-    names = [node_names(body) for body in system.bodies]
+    names = [node_names(body) for body in system.unknowns.bodies]
     tied_ports: list[list[tuple[Attached, ...]]] = []
-    if system.constraints:
-        tied_ports = system.constraints.tied_ports()
-    multiplier_blocks = system.numbering.blocks[len(names) :]
+    if system.equations.constraints:
+        tied_ports = system.equations.constraints.tied_ports()
+    multiplier_blocks = system.unknowns.numbering.blocks[len(names) :]
     for ports, block in zip(tied_ports, multiplier_blocks, strict=True):
         # A single multiplier needs no name; it may tie the ground only, which has no node.
         if block.index_map.size_global == 1:
@@ -194,7 +194,7 @@ def _names_of_multipliers(
     counts: dict[tuple[int, int], int] = {}  # constraints so far by their first node
     for ports in constraints:
         port = next(port for port in ports if isinstance(port, Port))
-        k = system.bodies.index(port.body)
+        k = system.unknowns.bodies.index(port.body)
         first_owned = port.body.block.index_map.local_range[0]
         name = names[k][port.nodes[0] - first_owned]
         # Names have 64 bits without sign, rows of integers have 63 and a sign.
@@ -236,7 +236,7 @@ def scene_of(
         events: descriptions of the events by their keys, see `EventMonitor.describe`.
     """
     meshes: dict[str, Any] = {}
-    for body in run.system.bodies:
+    for body in run.system.unknowns.bodies:
         if is_on_mesh(body):
             geometry = body.space.mesh.geometry
             x = geometry.x[: geometry.index_map().size_local]
@@ -245,7 +245,7 @@ def scene_of(
             sums = np.concatenate([np.maximum(x, 0).sum(axis=0), np.maximum(-x, 0).sum(axis=0)])
             meshes[body.name] = [mesh_name(body), run.comm.allreduce(sums).tolist()]
     items = run.scene.items
-    blocks = run.system.numbering.blocks
+    blocks = run.system.unknowns.numbering.blocks
     return {
         # Sorted, as the order of items does not matter.
         "parts": sorted(f"{type(item).__name__} '{item.name}'" for item in items),
@@ -676,7 +676,7 @@ class Checkpoints:
             size) of every vector; also names (m,) and values (m, 1) of cells with history
             variables.
         """
-        numbering = run.system.numbering
+        numbering = run.system.unknowns.numbering
         arrays: dict[str, Any] = {}
         for k, names in enumerate(self._names):
             arrays[f"names {k}"] = names
@@ -706,13 +706,15 @@ class Checkpoints:
             "ranks": run.comm.size,
             "vectors": list(run.history.vectors),
             "cells": list(run.history.cells),
-            "time": system.time,
-            "time before": system.previous_time,
-            "supplied": run.comm.allreduce(system.supplied_energy),
+            "time": system.unknowns.time,
+            "time before": system.unknowns.previous_time,
+            "supplied": run.comm.allreduce(system.balance.supplied_energy),
             "run": run.get_history(),
             "history": run.history.get_history(),
             "totals": run.totals.as_data(),
-            "resultants": {name: value.tolist() for name, value in system.resultants().items()},
+            "resultants": {
+                name: value.tolist() for name, value in system.balance.resultants().items()
+            },
             "outputs": cursors,
         }
 
@@ -792,19 +794,19 @@ def _restore(
     _restore_vectors(run, arrays)
 
     system = run.system
-    system.time = state["time"]
-    system.previous_time = state["time before"]
+    system.unknowns.time = state["time"]
+    system.unknowns.previous_time = state["time before"]
     # The checkpoint contains sums over its ranks.  Here, rank 0 adds them to its share.
     share = float(comm.rank == 0)
     losses = state["totals"]["losses"]
-    system.supplied_energy = share * state["supplied"]
+    system.balance.supplied_energy = share * state["supplied"]
     # Causes of losses that the scene or the checkpoint does not have begin, or remain, as they are.
-    causes = {**losses, **system.losses}
-    system.losses = {name: share * losses.get(name, 0.0) for name in causes}
+    causes = {**losses, **system.balance.losses}
+    system.balance.losses = {name: share * losses.get(name, 0.0) for name in causes}
     run.history.set_history(state["history"])
     run.set_history(state["run"])
     loads = state["resultants"].items()
-    system.restored_resultants = {name: np.array(value) for name, value in loads}
+    system.balance.restored_resultants = {name: np.array(value) for name, value in loads}
     # Arguments that are meant to be others change the energies.
     if not changes:
         compare_energies(path, run.totals, state["totals"])
@@ -842,7 +844,7 @@ def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
     Args:
         arrays: what this rank has read, see `_load`; it may belong to nodes of any rank.
     """
-    numbering = run.system.numbering
+    numbering = run.system.unknowns.numbering
     names_here = all_names(run.system)
     for name, vector in run.history.vectors.items():
         with vector as values:
@@ -944,7 +946,7 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
         Names (n,) and vectors (n, size) of the n nodes in these shares, and those of cells, by the
         keys of `_arrays`; empty arrays on a rank without a file.
     """
-    blocks = run.system.numbering.blocks
+    blocks = run.system.unknowns.numbering.blocks
     shares = []
     # The checkpoint may have more or fewer files than there are ranks now.
     for rank in range(run.comm.rank, state["ranks"], run.comm.size):

@@ -46,7 +46,7 @@ from gossamer_fx.solve.steppers.stepping import (
     even_step,
 )
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import TIME, Account, ClosingErrors
+from gossamer_fx.solve.view import TIME, Account, ClosingErrors, chamber_state, chamber_states
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.contract import ChamberState
@@ -164,12 +164,12 @@ class Simulation:
         self.seconds = 0.0
         self.output_seconds = 0.0
         self.until = 0.0
-        self.first = self.system.totals()
+        self.first = self.system.balance.totals()
         self._totals = self.first
         # Residuals are compared with the largest energy so far, see `solvers.newton`.
         self.solver.newton.largest_energy = self.first.size
         self._monitor = self._monitor_of(events)
-        self._sampled = [item for item in self.system.items if isinstance(item, Sampled)]
+        self._sampled = [item for item in self.system.unknowns.items if isinstance(item, Sampled)]
         self._undamped: UndampedFilms | None = None
         # A restarted run has had its start: the events at the start, and the record of that state.
         self._started = restart is not None
@@ -207,8 +207,8 @@ class Simulation:
         self.history.commit()
         # Whether the first step converges is not of interest here.
         with suppress(NotConverged):
-            self.system.begin_step(self.stepping.wanted)
-            self.system.predict(self.system.numbering.vector())
+            self.system.equations.begin_step(self.stepping.wanted)
+            self.system.equations.predict(self.system.unknowns.numbering.vector())
         self.history.rollback()
 
     def _lock_files(self) -> FileLocks | None:
@@ -266,14 +266,14 @@ class Simulation:
     @property
     def time(self) -> float:
         """Time of the state [s]."""
-        return self.system.time
+        return self.system.unknowns.time
 
     @property
     def totals(self) -> Totals:
         """Energies [J], momenta and masses [kg] of the state.  Collective."""
         # Several outputs ask after each step; the sums are made once.
         if self._totals.time != self.time:
-            self._totals = self.system.totals()
+            self._totals = self.system.balance.totals()
         return self._totals
 
     @property
@@ -338,7 +338,7 @@ class Simulation:
     @property
     def chambers(self) -> dict[str, ChamberState]:
         """States of the gas chambers and tanks by name; none if the scene has no gas."""
-        return self.system.chambers
+        return chamber_states(self.system)
 
     @check_arguments
     def chamber(self, name: str) -> ChamberState:
@@ -353,7 +353,7 @@ class Simulation:
         Raises:
             InputError: the scene has no chamber of this name.
         """
-        return self.system.chamber(name)
+        return chamber_state(self.system, name)
 
     # ---- running ---------------------------------------------------------------------------------
 
@@ -443,7 +443,9 @@ class Simulation:
         velocity would alternate from step to step.  Collective."""
         system = self.system
         first_step = min(self.stepping.wanted, until - self.time)
-        sudden = system.supports.sudden(system.q0, system.v0, self.time, first_step)
+        sudden = system.unknowns.supports.sudden(
+            system.unknowns.q0, system.unknowns.v0, self.time, first_step
+        )
         for name, jump in sudden.items():
             if jump:
                 LOGGER.warning(
@@ -569,12 +571,12 @@ class Simulation:
         # Outputs and events that ask for this time must find it without the round-off of a sum of
         # steps.
         if abs(milestone - self.time) <= _SAME_TIME * stepping.wanted:
-            self.system.time = milestone
+            self.system.unknowns.time = milestone
         return ended
 
     def _switch(self) -> None:
         """Engage and release latches for which an event or the user has asked.  Collective."""
-        constraints = self.system.constraints
+        constraints = self.system.equations.constraints
         if constraints is None or not constraints.can_switch:
             return
         # Imported here, as scenes without latches must not pay for it.
@@ -582,7 +584,7 @@ class Simulation:
 
         if switch_constraints(self.system):
             # `totals` compares times only, and the time is that before the impact.
-            self._totals = self.system.totals()
+            self._totals = self.system.balance.totals()
 
     def _leave(self, number: int) -> None:
         """Log where the run ended, and end the program."""
@@ -638,7 +640,7 @@ class Simulation:
         self.solver.newton.largest_energy = state["largest energy"]
         self.solver.newton.round_off_energy = state["round-off energy"]
         # `totals` compares times only, and the restored state may have that of the start.
-        self._totals = self.system.totals()
+        self._totals = self.system.balance.totals()
         self.recorded = state["recorded"]
         if self._monitor:
             self._monitor.set_history(state["events"])

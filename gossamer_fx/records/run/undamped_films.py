@@ -24,6 +24,7 @@ from gossamer_fx.core.mesh.quality import corner_points, sizes
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.materials.film import IsotropicFilm
 from gossamer_fx.mechanics.terms.element_energies import ViscousDissipation
+from gossamer_fx.solve.view import chamber_states
 
 if TYPE_CHECKING:
     from gossamer_fx.solve.system.system import System
@@ -44,10 +45,12 @@ class UndampedFilms:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        damped = {term.body for term in system.terms if isinstance(term, ViscousDissipation)}
+        damped = {
+            term.body for term in system.unknowns.terms if isinstance(term, ViscousDissipation)
+        }
         # (E t A) [N m] of each film that is watched.
         self._stiffness: dict[Membrane, float] = {}
-        for state in system.chambers.values():
+        for state in chamber_states(system).values():
             for film in _films_of(state.chamber):
                 if film in damped or film in self._stiffness:
                     continue
@@ -76,7 +79,7 @@ class UndampedFilms:
     def _ratios(self, first: Totals, now: Totals) -> dict[Membrane, float]:
         """Strain energy of each film that is watched, less that of the start, over U."""
         work = dict.fromkeys(self._stiffness, 0.0)
-        for state in self._system.chambers.values():
+        for state in chamber_states(self._system).values():
             films = _films_of(state.chamber)
             outside = getattr(state.chamber, "outside", None)
             gauge = state.pressure - (outside.pressure if outside is not None else 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Protocol, cast, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
@@ -15,7 +15,7 @@ from gossamer_fx.core.drawing import table
 from gossamer_fx.core.model.body import Array, Body, BringsCoordinates, Vector, is_body, is_on_mesh
 from gossamer_fx.core.model.state import BodyState, InitialState
 from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, Term, terms_of
-from gossamer_fx.mechanics.terms.assembly import Assembly, ItemTerms
+from gossamer_fx.mechanics.terms.assembly import ItemTerms
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.mechanics.terms.scalar_unknowns import (
     BringsScalarUnknowns,
@@ -23,6 +23,7 @@ from gossamer_fx.mechanics.terms.scalar_unknowns import (
     ScalarUnknowns,
 )
 from gossamer_fx.solve.scene.validation import validate
+from gossamer_fx.solve.system.initial_state import initialise, take_shape_history
 from gossamer_fx.solve.system.system import System
 
 
@@ -99,7 +100,7 @@ class StartFrom:
         -1.1
     """
 
-    system: Assembly
+    system: System
     _: KW_ONLY
     name: str = "start"
 
@@ -119,7 +120,7 @@ class StartFrom:
         other scene, flattened; of a reduced film the coefficients [m] of its modes, projected from
         a full film."""
         body = here.body
-        there = self.system.state.named(body.name)
+        there = self.system.unknowns.state.named(body.name)
         # Only a reduced film differs from its full one.
         full = body.full if is_on_mesh(body) else body
         from_full = full is not body and there is not None and there.body is full
@@ -323,14 +324,14 @@ class Scene:
             if isinstance(item, BringsScalarUnknowns):
                 kinds.setdefault(item.scalar_unknowns, []).append(item)
         for kind, alike in kinds.items():
-            system.scalar_unknowns.append(kind(alike, system))
+            system.equations.scalar_unknowns.append(kind(alike, system.unknowns))
         # After the gas network, which names the base class that an item of gas lacks.
         _check_that_all_add(self.items, [one.terms for one in items])
         # Last: masses, constraints and gas start from the complete initial state.
-        system.initialise()
+        initialise(system)
         for condition in conditions:
             if isinstance(condition, StartFrom):
-                system.take_shape_history(cast(System, condition.system))
+                take_shape_history(system, condition.system)
         return system
 
 

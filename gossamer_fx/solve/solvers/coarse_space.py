@@ -260,9 +260,9 @@ def prolongation(
     Rows of fixed and `condensed` coordinates, and of other bodies without nodes, are zero; rows are
     distributed as the unknowns are.  Collective.
     """
-    numbering = system.numbering
+    numbering = system.unknowns.numbering
     is_free = np.ones(numbering.size_local)
-    is_free[system.supports.held] = 0
+    is_free[system.unknowns.supports.held] = 0
     is_free[condensed] = 0
 
     # Empty arrays first, as there may be no nodes.
@@ -271,8 +271,8 @@ def prolongation(
     all_values: list[Array] = [np.zeros(0)]
     all_owners: list[Indices] = [NONE]
     count = 0
-    for body in system.bodies:
-        owned = system.block(body).owned
+    for body in system.unknowns.bodies:
+        owned = system.unknowns.block(body).owned
         # Of a body with directors that turn, free are its position and a rotation.
         has_directors = body.block.size > 3
         if has_nodal_unknowns(body):

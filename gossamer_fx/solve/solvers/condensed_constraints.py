@@ -149,9 +149,9 @@ class Condensation:
     def __init__(self, system: System, frames: list[Frames]) -> None:
         """Find all constraints of a system that can be condensed, with its free `frames`.
         Collective."""
-        assert system.constraints is not None
+        assert system.equations.constraints is not None
         self.frames = frames
-        own_equations = system.constraints.linear_equations()
+        own_equations = system.equations.constraints.linear_equations()
         equations = [each for part in system.comm.allgather(own_equations) for each in part]
         involved = np.unique([i for multiplier, row in equations for i in (multiplier, *row)])
         marks_of_involved = _marks(system, involved)
@@ -166,8 +166,8 @@ class Condensation:
             places_of_turns.append(each.directors[:, :3].ravel())
         self.gone: Indices = np.sort(np.concatenate(gone))
         self.changed: Indices = np.union1d(self.gone, np.concatenate(places_of_turns))
-        local = self.gone - system.numbering.start
-        self.owned = local[(local >= 0) & (local < system.numbering.size_local)]
+        local = self.gone - system.unknowns.numbering.start
+        self.owned = local[(local >= 0) & (local < system.unknowns.numbering.size_local)]
 
     def _eliminate(self, equations: list[tuple[int, dict[int, float]]]) -> Indices:
         """Find the rules of all slaves; returns these and the condensed multipliers."""
@@ -214,23 +214,23 @@ class Condensation:
 
     def leaves_no_multiplier(self, system: System) -> bool:
         """Whether all free multipliers of all ranks are condensed.  Collective."""
-        assert system.constraints is not None
-        is_left = np.zeros(system.numbering.size_local, dtype=bool)
-        is_left[system.constraints.owned] = True
+        assert system.equations.constraints is not None
+        is_left = np.zeros(system.unknowns.numbering.size_local, dtype=bool)
+        is_left[system.equations.constraints.owned] = True
         is_left[self.owned] = False
-        is_left[system.supports.held] = False
+        is_left[system.unknowns.supports.held] = False
         return not system.comm.allreduce(bool(is_left.any()), op=MPI.LOR)
 
 
 def _marks(system: System, unknowns: Indices) -> Array:
     """The marks (n,) of unknowns (n,) of all ranks, by global index.  Collective."""
-    marks = system.free_marks()
-    is_position = np.repeat(system.position_marks, 3) > 0
+    marks = system.unknowns.free_marks()
+    is_position = np.repeat(system.unknowns.position_marks, 3) > 0
     marks.array[: len(is_position)][is_position] *= POSITION
-    for body in system.coordinates:
+    for body in system.unknowns.coordinates:
         if body.block.size == 3:
-            marks.array[system.block(body).owned] *= FILM / POSITION
-    found = Gather(system.numbering, [unknowns.astype(PETSc.IntType)])(marks)[0]
+            marks.array[system.unknowns.block(body).owned] *= FILM / POSITION
+    found = Gather(system.unknowns.numbering, [unknowns.astype(PETSc.IntType)])(marks)[0]
     marks.destroy()
     return found
 
@@ -238,8 +238,8 @@ def _marks(system: System, unknowns: Indices) -> Array:
 def _free_frames(system: System) -> list[Frames]:
     """The frames of all ranks of which nothing is held, one object for each number of directors.
     Collective."""
-    assert system.constraints is not None
-    parts = system.comm.allgather(system.constraints.frames())
+    assert system.equations.constraints is not None
+    parts = system.comm.allgather(system.equations.constraints.frames())
     by_size: dict[int, list[Frames]] = {}
     for each in itertools.chain.from_iterable(parts):
         by_size.setdefault(each.directors.shape[1], []).append(each)
@@ -289,7 +289,7 @@ class CondensedConstraints:
         self.inner = PETSc.PC().create(system.comm)
         self.inner.setType("python")
         has_frames = bool(condensation.frames)
-        self.are_ties_alone = not has_frames and not system.active_sets
+        self.are_ties_alone = not has_frames and not system.equations.active_sets
         self._two_level = TwoLevel(system, condensation.owned, is_difficult=has_frames)
         self.inner.setPythonContext(self._two_level)
         self.problem = ""
@@ -298,20 +298,20 @@ class CondensedConstraints:
         # This rank's changed rows of R - 1 at the end and of L - 1 in the middle of the step.
         self._own_E: csr_matrix
         self._own_E_middle: csr_matrix
-        self._find_rows(system.A)
+        self._find_rows(system.matrices.A)
         # Before the matrix is made again, with more entries.
-        self._A = self._rows_of(system.A)
-        system.extend_pattern(self._add_fill)
+        self._A = self._rows_of(system.matrices.A)
+        system.matrices.extend_pattern(self._add_fill)
         # Rows have more columns now.
-        self._find_rows(system.A)
-        self.K = system.A.duplicate()
+        self._find_rows(system.matrices.A)
+        self.K = system.matrices.A.duplicate()
         # After the matrices are made again.
-        self.tangent = system.coupled_tangent
+        self.tangent = system.matrices.coupled_tangent
         self._coupled = self.K  # K with strong couplings of contact
-        self._right = system.numbering.vector()
-        self._work = system.numbering.vector()
-        self._product = system.numbering.vector()
-        self._gather = Gather(system.numbering, [self._near])
+        self._right = system.unknowns.numbering.vector()
+        self._work = system.unknowns.numbering.vector()
+        self._product = system.unknowns.numbering.vector()
+        self._gather = Gather(system.unknowns.numbering, [self._near])
 
     def __str__(self) -> str:
         turned = sum(len(each.directors) for each in self._condensation.frames)
@@ -333,7 +333,7 @@ class CondensedConstraints:
 
         Rows and unknowns are those of whole blocks, as PETSc takes them out of a matrix.
         """
-        numbering = self._system.numbering
+        numbering = self._system.unknowns.numbering
         changed = self._condensation.changed
         is_own = (changed >= numbering.start) & (changed < numbering.start + numbering.size_local)
         own_changed = changed[is_own]
@@ -366,7 +366,7 @@ class CondensedConstraints:
 
     def _whole_blocks(self, unknowns: Indices) -> Indices:
         """All unknowns (n,) of the blocks of some global indices, sorted."""
-        size = self._system.numbering.block_size
+        size = self._system.unknowns.numbering.block_size
         blocks = np.unique(unknowns // size)
         return (size * blocks[:, None] + np.arange(size)).ravel()
 
@@ -466,7 +466,7 @@ class CondensedConstraints:
     def setUp(self, pc: PETSc.PC) -> None:
         """Compute K of the present matrix A, and set up its preconditioner, unless matrices of this
         step are factorised; called by PETSc.  Collective."""
-        step = self._system.time, self._system.h
+        step = self._system.unknowns.time, self._system.unknowns.h
         if step != self._step:
             self._hard_steps.begin_step()
         self._step = step
@@ -560,9 +560,9 @@ class CondensedConstraints:
         """Compute G and H for the directors of the present iterate; returns R - 1 and L - 1.
         Collective."""
         system = self._system
-        end = self._gather(system.q1)[0]
-        start = self._gather(system.q0)[0]
-        α = system.rule.alpha
+        end = self._gather(system.unknowns.q1)[0]
+        start = self._gather(system.unknowns.q0)[0]
+        α = system.unknowns.rule.alpha
         E, self._G = self._at(end)
         E_middle, H = self._at((1 - α) * start + α * end)
         self._own_E = E[self._changed_near]
@@ -606,7 +606,7 @@ class CondensedConstraints:
         # G s of the residual's violations s.
         self._shift = self._G @ self._gather(r)[0]
         r.copy(right)
-        right.array[self._rows - self._system.numbering.start] -= self._A @ self._shift
+        right.array[self._rows - self._system.unknowns.numbering.start] -= self._A @ self._shift
         if self.tangent.is_coupled:
             self._work.zeroEntries()
             self._work.array[self._own_changed] = -self._shift[self._changed_near]
@@ -792,10 +792,12 @@ def for_constraints(
     """
     others = eliminated_joints.other_unknowns(system)
     are_few = system.comm.allreduce(len(others)) <= eliminated_joints.MAX_ELIMINATED
-    is_large = not are_few and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
-    of_films = system.comm.allreduce(system.numbering.size_local - len(others))
-    has_films = of_films >= MIN_FILM_SHARE * system.numbering.size
-    has_contact = bool(system.active_sets)
+    is_large = (
+        not are_few and is_alone and system.unknowns.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
+    )
+    of_films = system.comm.allreduce(system.unknowns.numbering.size_local - len(others))
+    has_films = of_films >= MIN_FILM_SHARE * system.unknowns.numbering.size
+    has_contact = bool(system.equations.active_sets)
     if has_films and not (are_few and has_contact):
         frames = _free_frames(system)
         if is_large or not frames:

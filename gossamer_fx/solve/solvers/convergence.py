@@ -5,14 +5,14 @@ With R the reference force, the norm of the first residual, |r| must not exceed
 
     max(relative R, absolute, floor ε_machine F, 1e-12 F_stop)                                (1)
 
-F is the scale of the forces that cancel in r (`System.force_scales`), so that the third number is
-the round-off floor: no iteration can reduce r below it.  In scenes with contact, F_stop is the
-force that stops all motion within the step; R is at most the larger one of F_stop and of the force
-of loads and supports, which contact carries when nothing moves.  A residual that no longer falls,
-by a factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to
+F is the scale of the forces that cancel in r (`residual_sizes.force_scales`), so that the third
+number is the round-off floor: no iteration can reduce r below it. In scenes with contact, F_stop is
+the force that stops all motion within the step; R is at most the larger one of F_stop and of the
+force of loads and supports, which contact carries when nothing moves. A residual that no longer
+falls, by a factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to
 `STAGNATION_FACTOR` times the round-off floor, or, with contact and (2), `CONTACT_STAGNATION_FACTOR`
-times.  While it falls, the work of the residual in the step, which is the error of the total
-energy, must also be small:
+times. While it falls, the work of the residual in the step, which is the error of the total energy,
+must also be small:
 
     |r·(q1 - q0)| <= energy tolerance × largest energy so far                                 (2)
 

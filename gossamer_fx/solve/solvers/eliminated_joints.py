@@ -105,10 +105,10 @@ SINGULAR = "the Schur complement of the joints is singular"
 def other_unknowns(system: System) -> Indices:
     """Local indices (k,) of the unknowns of this rank that are not films: those of rigid bodies,
     point masses, beams and multipliers."""
-    is_film = np.zeros(system.numbering.size_local, dtype=bool)
-    for body in system.coordinates:
+    is_film = np.zeros(system.unknowns.numbering.size_local, dtype=bool)
+    for body in system.unknowns.coordinates:
         if body.block.size == 3:
-            is_film[system.block(body).owned] = True
+            is_film[system.unknowns.block(body).owned] = True
     return np.flatnonzero(~is_film).astype(PETSc.IntType)
 
 
@@ -120,18 +120,20 @@ def can_be_eliminated(system: System, unknowns: Indices) -> bool:
     films, and they are not more than an eighth of all, unless they are at most 60.  With contact
     all coordinates of bodies count as coupled.
     """
-    numbering = system.numbering
+    numbering = system.unknowns.numbering
     rest = np.concatenate(system.comm.allgather(numbering.start + unknowns))
     largest = max(MAX_ELIMINATED, MAX_SHARE * numbering.size)
     if numbering.block_size != 3 or not 0 < len(rest) <= largest:
         return False
-    if system.active_sets:
-        assert system.constraints is not None
-        multipliers = system.constraints.owned
+    if system.equations.active_sets:
+        assert system.equations.constraints is not None
+        multipliers = system.equations.constraints.owned
         coupled = len(unknowns) - (multipliers.stop - multipliers.start)
     else:
         rows = numbering.start + unknowns
-        coupled = sum(not np.isin(system.A.getRow(int(row))[0], rest).all() for row in rows)
+        coupled = sum(
+            not np.isin(system.matrices.A.getRow(int(row))[0], rest).all() for row in rows
+        )
     return system.comm.allreduce(coupled) <= MAX_ELIMINATED
 
 
@@ -162,14 +164,14 @@ class EliminatedJoints:
     def __init__(self, system: System, eliminated: Indices, max_iterations: int) -> None:
         self._system = system
         self._rest = eliminated
-        films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
+        films = np.setdiff1d(np.arange(system.unknowns.numbering.size_local), eliminated)
         self._films = films
         # Films mostly stand one after the other, and a slice copies nothing.
         self._film_slice: Indices | slice = films
         if len(films) and films[-1] - films[0] == len(films) - 1:
             self._film_slice = slice(int(films[0]), int(films[-1]) + 1)
         self._comm = system.comm
-        self._start = system.numbering.start
+        self._start = system.unknowns.numbering.start
         nodes = (self._start + films[::3]) // 3
         self._film_set = PETSc.IS().createBlock(3, nodes.astype(PETSc.IntType), comm=self._comm)
         # Global indices of the eliminated unknowns of all ranks, in ascending order, and which of
@@ -185,7 +187,7 @@ class EliminatedJoints:
         self._is_complete = False
         self._hard_steps = factorisation.HardSteps(MAX_FACTORISED_STEPS)
         self._is_first = False  # whether the factors are those of the first matrix of the step
-        self.max_applications = max_applications(system.numbering.size, max_iterations)
+        self.max_applications = max_applications(system.unknowns.numbering.size, max_iterations)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._is_kept = False  # whether the factors are those of an earlier matrix
@@ -203,7 +205,7 @@ class EliminatedJoints:
         they do: within the same time step, if they are not those of its first matrix, if the last
         solve with them took at most 7 Krylov iterations and no factorisation failed.  Applications
         are then counted from zero."""
-        is_same_step = (self._system.time, self._system.h) == self._step
+        is_same_step = (self._system.unknowns.time, self._system.unknowns.h) == self._step
         is_usable = is_same_step and not (self._is_complete or self._is_first or self.problem)
         if not is_usable or not 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP:
             return False
@@ -224,7 +226,7 @@ class EliminatedJoints:
         if self.keep_factors():
             return
         matrix = pc.getOperators()[0]
-        step = self._system.time, self._system.h
+        step = self._system.unknowns.time, self._system.unknowns.h
         is_new_step = step != self._step
         self._step = step
         self._is_first = is_new_step
@@ -322,7 +324,7 @@ class EliminatedJoints:
         of_rest = np.searchsorted(self._all_rest, columns[is_rest])
         self._D = csc_matrix((values[is_rest], (rows[is_rest], of_rest)), shape=(count, count))
         self._bound = np.unique(rows[~is_rest])
-        end = self._start + self._system.numbering.size_local
+        end = self._start + self._system.unknowns.numbering.size_local
         is_own = ~is_rest & (columns >= self._start) & (columns < end)
         own_columns = np.searchsorted(self._films, columns[is_own] - self._start)
         self._coupled = np.unique(own_columns)

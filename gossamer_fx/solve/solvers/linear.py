@@ -206,7 +206,7 @@ class BorderedPreconditioner:
         preconditioner Z of an earlier iteration of the same step is used until solves take more
         applications."""
         operator = self._operator
-        step = self._system.time, self._system.h
+        step = self._system.unknowns.time, self._system.unknowns.h
         is_new_step = step != self._step
         self._set_up_sparse(is_new_step)
         # Only the two-level preconditioner costs so much that it pays to use an earlier Z.
@@ -317,16 +317,16 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     factorisation.
     """
     largest_direct = MAX_UNKNOWNS_DIRECT
-    if system.active_sets:
+    if system.equations.active_sets:
         largest_direct = MAX_UNKNOWNS_DIRECT_WITH_CONTACT
-    is_small = system.numbering.size <= largest_direct
+    is_small = system.unknowns.numbering.size <= largest_direct
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
-    if system.constraints is not None and is_free and not (direct or is_small):
+    if system.equations.constraints is not None and is_free and not (direct or is_small):
         # Imported here, as scenes without joints must not pay for it.
         from gossamer_fx.solve.solvers import condensed_constraints
 
         # Scalar unknowns need a separate preconditioner.
-        is_alone = not system.scalar_count
+        is_alone = not system.matrices.scalar_count
         context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS, is_alone)
         if context is not None:
             _choose_gmres(ksp)
@@ -336,13 +336,13 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
                 ksp.setType("python")
                 ksp.setPythonContext(condensed_constraints.CondensedSolver(context))
             return
-    if direct or system.constraints is not None or is_small:
+    if direct or system.equations.constraints is not None or is_small:
         ksp.setType("preonly")
         # Multipliers have zeros on the diagonal, and statics singular matrices, which need pivots.
-        if direct or system.constraints is not None:
-            factorisation.choose(pc, system.A)
+        if direct or system.equations.constraints is not None:
+            factorisation.choose(pc, system.matrices.A)
         else:
-            factorisation.choose_for_steps(pc, system.A)
+            factorisation.choose_for_steps(pc, system.matrices.A)
         return
     _choose_gmres(ksp)
     if is_free:

@@ -58,6 +58,12 @@ from gossamer_fx.core.algebra.numbering import PREFIX
 from gossamer_fx.core.checks.errors import Inadmissible, NotConverged, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual, StallRule, Tolerances
+from gossamer_fx.solve.system.residual_sizes import (
+    body_imbalances,
+    force_scales,
+    out_of_balance,
+    round_off_energy,
+)
 from gossamer_fx.solve.system.system import System
 
 # Contact pairs may be found missing only once a step is solved.  A step that still misses some
@@ -143,10 +149,10 @@ class Newton:
         self.linear_iterations = 0
         self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
 
-        self._scalar_count = system.scalar_count + self.own_scalars
+        self._scalar_count = system.matrices.scalar_count + self.own_scalars
         # Vectors of the unknowns (w, y), of the residuals (r, s), and of (w, y) at the start of an
         # iteration.
-        self._composite = linear.Composite(system.comm, system.q1, self._scalar_count)
+        self._composite = linear.Composite(system.comm, system.unknowns.q1, self._scalar_count)
         self._x = self._composite.vector()
         self._F = self._composite.vector()
         self._start = self._composite.vector()
@@ -158,15 +164,15 @@ class Newton:
         self._residual = Residual(math.inf)
         # Shares of the lengths of the updates of an iteration that remain, see `_limit_update`.
         self._kept_shares: list[float] = []
-        self._r = system.numbering.vector()
+        self._r = system.unknowns.numbering.vector()
         # w of the last residual, and that from which the strains of the next one are linear.
-        self._w_evaluated = system.numbering.vector()
-        self._linearisation_point = system.numbering.vector()
-        self._diagonal = system.numbering.vector()
-        self.convergence = ConvergenceTest(tolerances, bool(system.active_sets))
+        self._w_evaluated = system.unknowns.numbering.vector()
+        self._linearisation_point = system.unknowns.numbering.vector()
+        self._diagonal = system.unknowns.numbering.vector()
+        self.convergence = ConvergenceTest(tolerances, bool(system.equations.active_sets))
         self.stall_rule: StallRule | None = None
-        has_plateaus = any(kind.has_plateaus for kind in system.active_sets)
-        if system.active_sets and not has_plateaus and not system.rule.is_static:
+        has_plateaus = any(kind.has_plateaus for kind in system.equations.active_sets)
+        if system.equations.active_sets and not has_plateaus and not system.unknowns.rule.is_static:
             self.stall_rule = StallRule(tolerances.max_iterations)
         self._default_linear_rtol: float | None = None
         self._direct = direct
@@ -186,15 +192,15 @@ class Newton:
         self._snes.setFunction(_weak_method(self._function), self._F)
         # A linear solve that ends at its limit of iterations still gives an inexact Newton step.
         self._snes.setMaxLinearSolveFailures(self.tolerances.max_iterations)
-        self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble_tangent().A
+        self._tangent: Callable[[], PETSc.Mat] = lambda: system.matrices.assemble_tangent().A
         self._bordered: linear.Bordered | None = None
-        if self._scalar_count or system.active_sets:
+        if self._scalar_count or system.equations.active_sets:
             J = self._set_up_bordered()
         else:
             self._preconditioner = self.ksp.getPC()
             linear.configure(self.ksp, self._preconditioner, system, self._direct)
             # After `configure`, which may make the matrices of the system again.
-            J = system.A
+            J = system.matrices.A
         self._snes.setJacobian(_weak_method(self._jacobian), J)
         self._snes.setFromOptions()
         self._snes.setConvergenceTest(_weak_method(self._test))
@@ -221,10 +227,10 @@ class Newton:
         sparse.setOptionsPrefix(PREFIX)
         # First, as it may make the matrices of the system again.
         linear.configure(self.ksp, sparse, system, self._direct)
-        sparse.setOperators(system.A)
+        sparse.setOperators(system.matrices.A)
         sparse.setFromOptions()
         self._preconditioner = sparse
-        self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
+        self._bordered = linear.Bordered(self._composite, system.matrices.coupled_tangent)
         sizes = self._x.getSizes()
         J = PETSc.Mat().createPython((sizes, sizes), self._bordered, system.comm)
         J.setUp()
@@ -251,22 +257,22 @@ class Newton:
         # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask for
         # this: here, so that those of a rejected step are freed before the next attempt.
         PETSc.garbage_cleanup(self.system.comm)
-        self.convergence = ConvergenceTest(self.tolerances, bool(self.system.active_sets))
+        self.convergence = ConvergenceTest(self.tolerances, bool(self.system.equations.active_sets))
         # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from
         # there.
         increment.copy(self._linearisation_point)
         self._linearisation_point.scale(-1.0)
-        self._fixed_values = self.system.predict(increment)
+        self._fixed_values = self.system.equations.predict(increment)
         self._r.zeroEntries()
-        self._r.array[self.system.supports.held] = self._fixed_values
+        self._r.array[self.system.unknowns.supports.held] = self._fixed_values
         self._composite.join(self._r, y, self._x)
         self.iterations = 0
         self._iterate()
         for _ in range(MAX_ACTIVE_SET_UPDATES):
-            if not self.system.extend_active_set():
+            if not self.system.equations.extend_active_set():
                 break
             self._iterate()
-        problem = self.system.inadmissible()
+        problem = self.system.equations.inadmissible()
         if problem:
             raise Inadmissible(problem)
         w, y = self._split(self._x)
@@ -315,7 +321,7 @@ class Newton:
         w, y = self._split(x)
         w.copy(self._w_evaluated)
         started = time.perf_counter()
-        self.system.set_increment(w, self._linearisation_point)
+        self.system.equations.set_increment(w, self._linearisation_point)
         self._add_time("law", started)
         self._evaluate(y, F)
 
@@ -324,25 +330,25 @@ class Newton:
         Collective."""
         started = time.perf_counter()
         s = self._residuals(y)
-        imbalance, violation = self.system.imbalance(self._r)
+        imbalance, violation = out_of_balance(self.system.equations, self._r)
         self._residual = Residual(imbalance, violation, float(abs(s).max(initial=0.0)))
         self._add_time("residual", started)
         self._composite.join(self._r, s, F)
 
     def _residuals(self, y: Array) -> Array:
         """Set the vector `_r` to r of (1), and return s of (2).  Collective."""
-        return self.system.residual(y, self._r)
+        return self.system.equations.residual(y, self._r)
 
     def _coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Columns of G, columns of H, and C of (1) of `solvers.linear`: the coupling of all scalar
-        unknowns with the coordinates, as `System.coupling` returns it."""
-        return self.system.coupling()
+        unknowns with the coordinates, as `Matrices.coupling` returns it."""
+        return self.system.matrices.coupling()
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
         """w and y of x; fixed coordinates get their values, which not every linear solver keeps
         exactly."""
         w, y = self._composite.split(x)
-        w.array[self.system.supports.held] = self._fixed_values
+        w.array[self.system.unknowns.supports.held] = self._fixed_values
         return w, y
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
@@ -350,9 +356,9 @@ class Newton:
         PETSc. Collective."""
         length = float(update.norm())
         self._has_update = math.isfinite(length)
-        if not (self._has_update and self.system.active_sets):
+        if not (self._has_update and self.system.equations.active_sets):
             return False
-        self.system.limit_update(update.array[: self._composite.n])
+        self.system.equations.limit_update(update.array[: self._composite.n])
         self._kept_shares.append(float(update.norm()) / max(length, factorisation.TINY))
         return True
 
@@ -365,7 +371,7 @@ class Newton:
         """
         iteration = snes.getIterationNumber()
         test = self.convergence
-        may_reuse = self.system.numbering.full and iteration
+        may_reuse = self.system.unknowns.numbering.full and iteration
         is_near = may_reuse and test.norm < min(
             REUSE_FACTORS_BELOW_TOLERANCE * test.tolerance,
             REUSE_FACTORS_RATIO * test.reference,
@@ -392,8 +398,8 @@ class Newton:
 
     def _set_geometric_stiffness(self, share: float) -> None:
         """Choose the share of the geometric stiffness in tangents, 0 or 1."""
-        self.system.geometric = share
-        for at in self.system.coordinates.values():
+        self.system.unknowns.geometric = share
+        for at in self.system.unknowns.coordinates.values():
             at.γ.value = share
 
     def _update_round_off_floor(self, A: PETSc.Mat) -> None:
@@ -404,12 +410,12 @@ class Newton:
         predictor have stiffnesses there that are far too large, so the smallest estimate counts.
         """
         is_first = self.convergence.round_off_floor == 0
-        if not is_first and not self.system.active_sets:
+        if not is_first and not self.system.equations.active_sets:
             return
         A.getDiagonal(self._diagonal)
-        self.convergence.lower_floor(*self.system.force_scales(self._diagonal))
+        self.convergence.lower_floor(*force_scales(self.system.equations, self._diagonal))
         if is_first:
-            energy = self.system.round_off_energy(self._diagonal)
+            energy = round_off_energy(self.system.unknowns, self._diagonal)
             self.round_off_energy = max(self.round_off_energy, energy)
 
     def _choose_linear_tolerance(self) -> None:
@@ -445,14 +451,14 @@ class Newton:
         test.record(self._residual.imbalance, is_first=iteration == 0)
         if iteration == 0:
             self._kept_shares = []
-            if self.system.active_sets:
+            if self.system.equations.active_sets:
                 test.limit_reference(self._stopping_force(), self._external_force)
         if self._is_solved():
             # Convergence is judged at the true strain.  If that does not pass, the iteration goes
             # on from it.
             w, y = self._split(snes.getSolution())
             started = time.perf_counter()
-            self.system.set_increment(w, None)
+            self.system.equations.set_increment(w, None)
             self._add_time("law", started)
             self._evaluate(y, snes.getFunction()[0])
             if self._is_solved():
@@ -474,25 +480,27 @@ class Newton:
         return self.convergence.is_solved(
             self._residual,
             self._energy_error_is_small,
-            lambda: self.system.body_imbalances(self._r),
+            lambda: body_imbalances(self.system.unknowns, self._r),
         )
 
     def _leaves_remainder(self) -> bool:
         """Whether a time step that one iteration has solved gets another one, with the same
         factors, until its residual is round-off.  Such steps are alike, so that what they leave
         adds up: 4000 steps of a free rigid body lost 2e-11 of its energy, and lose 1e-15."""
-        return not self.system.rule.is_static and self._residual.imbalance > self.round_off
+        return not self.system.unknowns.rule.is_static and self._residual.imbalance > self.round_off
 
     def _stopping_force(self) -> float:
         """Norm [N] of the force that stops all motion within the step and reverses it."""
         # `_diagonal` serves as space for M v0.
-        self.system.M.mult(self.system.v0, self._diagonal)
-        return self.system.c * self.system.h * float(self._diagonal.norm())
+        self.system.unknowns.M.mult(self.system.unknowns.v0, self._diagonal)
+        return (
+            self.system.unknowns.increment.c * self.system.unknowns.h * float(self._diagonal.norm())
+        )
 
     def _external_force(self) -> float:
         """Norm [N] of the forces of loads, gas and supports at the last residual.  What rests on
         something has no motion to stop: then these are the scale of the contact forces."""
-        external, _ = self.system.imbalance(self.system.external_forces())
+        external, _ = out_of_balance(self.system.equations, self.system.equations.external_forces())
         return external
 
     def _energy_error_is_small(self, factor: float) -> bool:
@@ -503,17 +511,17 @@ class Newton:
             return True
         system = self.system
         forces = self._r.array_r
-        if system.constraints:
+        if system.equations.constraints:
             # Rows of multipliers hold violations of constraints, which are not forces.
-            forces = forces[: system.constraints.owned.start]
+            forces = forces[: system.equations.constraints.owned.start]
         n = forces.size
-        moved = system.q1.array_r[:n] - system.q0.array_r[:n]
+        moved = system.unknowns.q1.array_r[:n] - system.unknowns.q0.array_r[:n]
         work = abs(system.comm.allreduce(float(forces @ moved)))
         tolerance = factor * self.tolerances.energy
         if work <= tolerance * self.largest_energy:
             return True
         # What starts from rest has hardly any energy before its first step.
-        return work <= tolerance * system.kinetic_energy_of_step()
+        return work <= tolerance * system.balance.kinetic_energy_of_step()
 
     # ---- reports ---------------------------------------------------------------------------------
 
@@ -546,14 +554,17 @@ class Newton:
         residual = self._residual
         if residual.violation > self.tolerances.constraint:
             why += f", constraints off by {residual.violation:.1e}"
-        unsolved = [scalars.unsolved() for scalars in self.system.scalar_unknowns]
+        unsolved = [scalars.unsolved() for scalars in self.system.equations.scalar_unknowns]
         first_unsolved = next(filter(None, unsolved), "")
         if first_unsolved:
             why += f", {first_unsolved},"
         reference = self.convergence.reference
         remedy = ""
         # The tolerances of statics follow from the loads.
-        if residual.imbalance < SMALL_RESIDUAL_RATIO * reference and not self.system.rule.is_static:
+        if (
+            residual.imbalance < SMALL_RESIDUAL_RATIO * reference
+            and not self.system.unknowns.rule.is_static
+        ):
             remedy = (
                 "; if forces of this size do not matter, "
                 f"give Tolerances(absolute={2 * residual.imbalance:.0e})"
@@ -561,5 +572,5 @@ class Newton:
         return (
             f"{why} after {iterations} iterations, "
             f"residual {residual.imbalance:.1e} N of {reference:.1e} N at first, "
-            f"largest in {self.system.locate(self._r)}{remedy}"
+            f"largest in {self.system.unknowns.locate(self._r)}{remedy}"
         )

@@ -88,7 +88,7 @@ class TwoLevel:
         """
         # The matrix to be preconditioned, and the same without couplings of contact.
         self._A, self._fixed = pc.getOperators()
-        step = self._system.time, self._system.h
+        step = self._system.unknowns.time, self._system.unknowns.h
         begins_step = step != self._step
         self._step = step
         self._set_up_coarse_space(begins_step)

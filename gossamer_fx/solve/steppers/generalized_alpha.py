@@ -84,21 +84,21 @@ class GeneralizedAlpha:
         # a film that falls on a floor came back to three times its true height, and the energy
         # balance was open.
         check(
-            not system.active_sets,
+            not system.equations.active_sets,
             "GeneralizedAlpha: the scene has contact, "
             "in which this method neither conserves energy nor reports what it loses; "
             "use Midpoint, or leave the contact out.",
         )
         # Two bars that latch lost 0.24996 J instead of 0.25 J, and 5e-4 of their angular momentum.
         check(
-            system.constraints is None or not system.constraints.can_switch,
+            system.equations.constraints is None or not system.equations.constraints.can_switch,
             "GeneralizedAlpha: the scene has a latch, "
             "behind whose impact this method goes on with the accelerations before it; "
             "use Midpoint, or leave the latch out.",
         )
         relaxing = [
             name
-            for kind in system.compiled
+            for kind in system.equations.compiled
             if isinstance(kind, ElementEnergies) and isinstance(kind, HistoryVariables)
             for name in kind.losses
         ]
@@ -129,13 +129,13 @@ class GeneralizedAlphaSolver:
         self.newton = Newton(system, tolerances)
         # Distributed vectors of all unknowns.  a0 and a1 [m/s²] are the acceleration-like variable
         # at the start and the end of a step, v1 [m/s] the velocity at its end.
-        self._a0 = system.numbering.vector()
-        self._a1 = system.numbering.vector()
-        self._acceleration = system.numbering.vector()  # dv/dt
-        self._v1 = system.numbering.vector()
+        self._a0 = system.unknowns.numbering.vector()
+        self._a1 = system.unknowns.numbering.vector()
+        self._acceleration = system.unknowns.numbering.vector()  # dv/dt
+        self._v1 = system.unknowns.numbering.vector()
         # Predicted increment of the coordinates [m], and the offset [m] of the inertia force.
-        self._increment = system.numbering.vector()
-        self._offset = system.numbering.vector()
+        self._increment = system.unknowns.numbering.vector()
+        self._offset = system.unknowns.numbering.vector()
         # The names are part of the format of checkpoint files.
         self.vectors = {"acceleration": self._a0, "rate": self._acceleration}
         self._has_acceleration = False
@@ -154,7 +154,7 @@ class GeneralizedAlphaSolver:
             self._compute_first_acceleration(h)
         system = self._system
         # The vector of unknowns in which the iteration starts.
-        y = system.begin_step(h)
+        y = system.equations.begin_step(h)
         self._predict(h)
         w, _, iterations = self.newton.solve(self._increment, y)
         self._acceleration.waxpy(1.0, w, self._offset)
@@ -163,7 +163,7 @@ class GeneralizedAlphaSolver:
         self._clear_multipliers(self._acceleration)
         self._clear_multipliers(self._a1)
         # v1 of (4)
-        self._v1.waxpy(h * (1 - self._γ), self._a0, system.v0)
+        self._v1.waxpy(h * (1 - self._γ), self._a0, system.unknowns.v0)
         self._v1.axpy(h * self._γ, self._a1)
         system.commit(self._v1)
         # Only now: a step that fails must leave the history unchanged.
@@ -189,11 +189,11 @@ class GeneralizedAlphaSolver:
         α_f = self._α_f
         self._a0.copy(self._increment)
         self._increment.scale(h**2 / 2)
-        self._increment.axpy(h, system.v0)
+        self._increment.axpy(h, system.unknowns.v0)
         self._a0.copy(self._offset)
         self._offset.scale(self._β * h**2 + α_m / (1 - α_f) / c)
         self._offset.axpy(-α_f / (1 - α_f) / c, self._acceleration)
-        system.set_inertia(c, self._offset)
+        system.equations.set_inertia(c, self._offset)
 
     # ---- the first acceleration ------------------------------------------------------------------
 
@@ -212,16 +212,16 @@ class GeneralizedAlphaSolver:
         system = self._system
         # r [N] is the residual, then the right side; A the matrix of both equations.
         r = self._increment
-        A = system.M.copy()
+        A = system.unknowns.M.copy()
         self._evaluate_trial_step(TRIAL_STEP_RATIO * h, r)
-        if system.constraints:
+        if system.equations.constraints:
             with r as values:
-                values[system.constraints.owned] = 0
-            system.constraints.add_curvature(system.v0, r)
-            system.constraints.add_tangents(A)
+                values[system.equations.constraints.owned] = 0
+            system.equations.constraints.add_curvature(system.unknowns.v0, r)
+            system.equations.constraints.add_tangents(A)
             A.assemble()
         # Unit rows give fixed coordinates the acceleration zero.
-        system.supports.clear(A, 1.0)
+        system.unknowns.supports.clear(A, 1.0)
         r.scale(-1.0)
         problem = factorisation.solve(A, r, self._acceleration)
         if problem:
@@ -238,20 +238,20 @@ class GeneralizedAlphaSolver:
         next step begins.
         """
         system = self._system
-        system.set_inertia(0.0)
-        y = system.begin_step(h)
-        system.v0.copy(r)
+        system.equations.set_inertia(0.0)
+        y = system.equations.begin_step(h)
+        system.unknowns.v0.copy(r)
         r.scale(h)
-        fixed_values = system.predict(r)
+        fixed_values = system.equations.predict(r)
         r.zeroEntries()
         # w [m], the correction of the predicted increment: zero where coordinates are free.
         with r as w:
-            w[system.supports.held] = fixed_values
-        system.set_increment(r, None)
-        system.residual(y, r)
+            w[system.unknowns.supports.held] = fixed_values
+        system.equations.set_increment(r, None)
+        system.equations.residual(y, r)
 
     def _clear_multipliers(self, rate: PETSc.Vec) -> None:
         """Set the entries of Lagrange multipliers to zero: they have no rate."""
-        if self._system.constraints:
+        if self._system.equations.constraints:
             with rate as values:
-                values[self._system.constraints.owned] = 0
+                values[self._system.equations.constraints.owned] = 0

@@ -28,10 +28,10 @@ class History:
         self._system = system
         # The names are part of the format of checkpoint files.
         self.vectors = {
-            "coordinates": system.q0,
-            "remainders of coordinates": system.increment.remainder,
-            "velocities": system.v0,
-            "coordinates before": system.previous,
+            "coordinates": system.unknowns.q0,
+            "remainders of coordinates": system.unknowns.increment.remainder,
+            "velocities": system.unknowns.v0,
+            "coordinates before": system.unknowns.previous,
         }
         self.cells: dict[str, tuple[MeshBody, Array]] = {}
         self._variables: dict[str, HistoryVariables | Carrier] = {}
@@ -52,13 +52,13 @@ class History:
         """Collect the objects with history variables, scalar unknowns, kinds of terms, and fields
         of terms, by names that are the same in each run of a scene."""
         system = self._system
-        for k, scalars in enumerate(system.scalar_unknowns):
+        for k, scalars in enumerate(system.equations.scalar_unknowns):
             self._variables[f"scalar unknowns {k}"] = scalars
-        for compiled in system.compiled_as(HistoryVariables):
+        for compiled in system.equations.compiled_as(HistoryVariables):
             self._variables[type(compiled).__name__] = compiled
             self.cells |= compiled.cell_history()
         # Terms have no unique names, so their positions in the scene are part of the names.
-        for k, term in enumerate(system.terms):
+        for k, term in enumerate(system.unknowns.terms):
             for what, part in history_parts(term).items():
                 self._variables[f"part {k} {what}"] = part
 
@@ -87,10 +87,10 @@ class History:
             vector.copy(self._committed[name])
         for name, (_, values) in self.cells.items():
             self._committed_cells[name] = values.copy()
-        self._times = (system.previous_time, system.time)
-        self._supplied_energy = system.supplied_energy
+        self._times = (system.unknowns.previous_time, system.unknowns.time)
+        self._supplied_energy = system.balance.supplied_energy
         # A copy, as the system changes its dictionary in place.
-        self._losses = dict(system.losses)
+        self._losses = dict(system.balance.losses)
         self._state = self.get_history()
 
     def rollback(self) -> None:
@@ -101,7 +101,7 @@ class History:
             self._committed[name].copy(vector)
         for name, (_, values) in self.cells.items():
             values[:] = self._committed_cells[name]
-        system.previous_time, system.time = self._times
-        system.supplied_energy = self._supplied_energy
-        system.losses = dict(self._losses)
+        system.unknowns.previous_time, system.unknowns.time = self._times
+        system.balance.supplied_energy = self._supplied_energy
+        system.balance.losses = dict(self._losses)
         self.set_history(self._state)

@@ -77,11 +77,11 @@ class MidpointSolver:
         self.newton = Newton(system, tolerances)
         # Distributed vectors: predicted increment of the coordinates [m], and velocity at the end
         # of the step [m/s].
-        self._increment = system.numbering.vector()
-        self._v1 = system.numbering.vector()
+        self._increment = system.unknowns.numbering.vector()
+        self._v1 = system.unknowns.numbering.vector()
         # Local error of positions over h³ q''': with the acceleration at the end of the step for
         # its mean it is ½ - 1/6, with that of its middle, or the mean of both ends, ¼ - 1/6.
-        self.error_constant = 1 / 3 if system.rule.acts_at_end else 1 / 12
+        self.error_constant = 1 / 3 if system.unknowns.rule.acts_at_end else 1 / 12
         self._delayed_steps = 0  # converged steps in a row until steps are no longer delayed
         self.vectors: dict[str, PETSc.Vec] = {}
 
@@ -122,14 +122,14 @@ class MidpointSolver:
         system = self._system
         self.newton.geometric_stiffness_delay = GEOMETRIC_STIFFNESS_DELAY * is_delayed
         # The vector of unknowns in which the iteration starts.
-        y = system.begin_step(h)
+        y = system.equations.begin_step(h)
         # Predictor of constant velocity, p = h v0, which w [m] corrects; its inertia is M (v1 -
         # v0)/h = (2/h²) M w.
-        system.v0.copy(self._increment)
+        system.unknowns.v0.copy(self._increment)
         self._increment.scale(h)
-        system.set_inertia(2 / h**2)
+        system.equations.set_inertia(2 / h**2)
         w, _, iterations = self.newton.solve(self._increment, y)
         # v1 = 2 (q1 - q0)/h - v0 with q1 - q0 = h v0 + w.
-        self._v1.waxpy(2 / h, w, system.v0)
+        self._v1.waxpy(2 / h, w, system.unknowns.v0)
         system.commit(self._v1)
         return iterations

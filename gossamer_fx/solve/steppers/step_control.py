@@ -244,22 +244,22 @@ class LocalError:
     def __init__(self, system: System, constant: float = 1 / 12) -> None:
         self._system = system
         self._constant = constant
-        self.acceleration = system.numbering.vector()
+        self.acceleration = system.unknowns.numbering.vector()
         self.length_before = 0.0
-        self._start_velocity = system.numbering.vector()
-        self._mean_acceleration = system.numbering.vector()
-        self._change = system.numbering.vector()
-        self._scratch = system.numbering.vector()
+        self._start_velocity = system.unknowns.numbering.vector()
+        self._mean_acceleration = system.unknowns.numbering.vector()
+        self._change = system.unknowns.numbering.vector()
+        self._scratch = system.unknowns.numbering.vector()
         # e·M e of the unit translation e of all bodies along x, in which directors and multipliers
         # do not move.
         with self._change as values:
-            for body in system.bodies:
-                nodes = values[system.block(body).owned].reshape(-1, body.block.size)
+            for body in system.unknowns.bodies:
+                nodes = values[system.unknowns.block(body).owned].reshape(-1, body.block.size)
                 nodes[:, 0] = 1.0
         # Of all parts: which are connected is seen in the tangent of the first step.
         self._parts: Labels | None = None
         along_x = self._change.array_r.copy()
-        system.M.mult(self._change, self._scratch)
+        system.unknowns.M.mult(self._change, self._scratch)
         self._masses_along_x: Array = along_x * self._scratch.array_r
         check(
             system.comm.allreduce(float(self._masses_along_x.sum())) > 0,
@@ -269,19 +269,19 @@ class LocalError:
 
     def begin_step(self) -> None:
         """Take the velocities at the start of the step."""
-        self._system.v0.copy(self._start_velocity)
+        self._system.unknowns.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
         """Local error ε [m] of the last step, of length h [s], by (1) and (2); zero for the first
         step of a run.  Collective."""
         mean = self._mean_acceleration
-        mean.waxpy(-1.0, self._start_velocity, self._system.v0)
+        mean.waxpy(-1.0, self._start_velocity, self._system.unknowns.v0)
         mean.scale(1 / h)
         self._length = h
         if not self.length_before:
             return 0.0
         self._change.waxpy(-1.0, self.acceleration, mean)
-        self._system.M.mult(self._change, self._scratch)
+        self._system.unknowns.M.mult(self._change, self._scratch)
         squares = self._sums(self._change.array_r * self._scratch.array_r)
         masses = self._sums(self._masses_along_x)
         # A part of multipliers only has no mass; round-off may make the square of a vanishing
@@ -296,7 +296,7 @@ class LocalError:
         Collective."""
         comm = self._system.comm
         if self._parts is None:
-            labels = connected(self._system, self._system.A, with_zeros=True)
+            labels = connected(self._system, self._system.matrices.A, with_zeros=True)
             known = np.unique(np.concatenate(comm.allgather(np.unique(labels))))
             self._parts = np.searchsorted(known, labels).astype(np.int64)
             self._part_count = len(known)

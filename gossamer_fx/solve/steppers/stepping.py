@@ -64,7 +64,7 @@ class StepSolver(Carrier, Protocol):
         """Advance the system by one step of length h [s], and commit it; returns the number of
         Newton iterations.  Collective.
 
-        A step calls `system.begin_step(h)`, `system.set_inertia(c, offset)`,
+        A step calls `system.equations.begin_step(h)`, `system.equations.set_inertia(c, offset)`,
         `newton.solve(increment, y)` and `system.commit(v1)`, in this order.
 
         Raises:
@@ -180,22 +180,25 @@ def even_step(remaining: float, wanted: float) -> float:
 def step_failure(system: System, h: float, reason: object) -> StepFailure:
     """The error for a step whose smallest sub-step, of length h [s], failed."""
     return StepFailure(
-        f"The step at t = {system.time:.9g} s failed, also in sub-steps of {h:.3g} s: {reason}."
+        f"The step at t = {system.unknowns.time:.9g} s failed, also in sub-steps of {h:.3g} s: "
+        f"{reason}."
     )
 
 
 def switch_constraints(system: System) -> bool:
     """Engage and release the constraints, such as latches, whose time has come; returns whether one
-    has engaged, so that velocities have changed.  The loss of each is added to `System.losses`.
+    has engaged, so that velocities have changed.  The loss of each is added to the balance.
 
     `InputError`: a latch would hold what is held already, or something that moves has no mass.
     Collective.
     """
-    assert system.constraints is not None, "the caller asks whether constraints can switch"
+    assert system.equations.constraints is not None, (
+        "the caller asks whether constraints can switch"
+    )
     has_changed = False
     # One after the other, so that each has a loss.
-    for name in system.constraints.switch():
-        system.losses[name] += _project_velocities(system, name)
+    for name in system.equations.constraints.switch():
+        system.balance.losses[name] += _project_velocities(system, name)
         has_changed = True
     return has_changed
 
@@ -203,27 +206,27 @@ def switch_constraints(system: System) -> bool:
 def _project_velocities(system: System, name: str) -> float:
     """Replace the velocities v⁻ of the system by v⁺, see the module, when the constraint of this
     name engages; returns this rank's share of the loss [J].  The work of moving supports is added
-    to `System.supplied_energy`.  Collective."""
-    constraints = system.constraints
+    to `EnergyBalance.supplied_energy`.  Collective."""
+    constraints = system.equations.constraints
     assert constraints is not None
     multipliers = constraints.owned
     # Without multipliers the tangent of the constraints is De and its transpose.
-    q = system.q0.copy()
+    q = system.unknowns.q0.copy()
     q.array[multipliers] = 0.0
-    system.set_end(q)
-    A = system.M.copy()
+    system.equations.set_end(q)
+    A = system.unknowns.M.copy()
     constraints.add_tangents(A)
     A.assemble()
-    system.set_end(system.q0)
+    system.equations.set_end(system.unknowns.q0)
     # A v⁻ has De v⁻ in the rows of the multipliers.
     right = A.createVecLeft()
-    A.mult(system.v0, right)
+    A.mult(system.unknowns.v0, right)
     right.scale(-1.0)
     with right as values:
         values[: multipliers.start] = 0.0
-        values[system.supports.held] = 0.0
+        values[system.unknowns.supports.held] = 0.0
     reduced = A.copy()
-    system.supports.clear(reduced, 1.0)
+    system.unknowns.supports.clear(reduced, 1.0)
     jump = A.createVecRight()
     problem = factorisation.solve(reduced, right, jump)
     check(
@@ -233,11 +236,11 @@ def _project_velocities(system: System, name: str) -> float:
     )
     # The impulses on held coordinates.
     A.mult(jump, right)
-    held = system.supports.held
-    system.supplied_energy += float(system.v0.array_r[held] @ right.array_r[held])
+    held = system.unknowns.supports.held
+    system.balance.supplied_energy += float(system.unknowns.v0.array_r[held] @ right.array_r[held])
     jump.array[multipliers] = 0.0
-    system.v0.axpy(1.0, jump)
-    system.M.mult(jump, right)
+    system.unknowns.v0.axpy(1.0, jump)
+    system.unknowns.M.mult(jump, right)
     loss = float(jump.array_r @ right.array_r) / 2
     for thing in (q, A, reduced, right, jump):
         thing.destroy()

@@ -108,13 +108,13 @@ class VariationalMidpoint:
         # Both have forces of a separate rule, which conserves energy: the steps would have no
         # discrete Lagrangian.
         check(
-            not system.active_sets,
+            not system.equations.active_sets,
             "VariationalMidpoint: "
             "the scene has contact, whose forces follow from both ends of a step; "
             "use Midpoint, or leave the contact out.",
         )
         check(
-            not system.scalar_unknowns,
+            not system.equations.scalar_unknowns,
             "VariationalMidpoint: the scene has gas, "
             "whose pressure follows from both ends of a step; use Midpoint, or leave the gas out.",
         )

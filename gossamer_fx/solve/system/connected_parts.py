@@ -24,7 +24,7 @@ def connected(
     """Labels (n,) of the unknowns of this rank, equal where entries of a matrix A connect them, or
     where they are components of one node that are not among `left_out`.  `with_zeros`: entries that
     are zero or round-off now connect, too, as of a slack rope.  Collective."""
-    numbering = system.numbering
+    numbering = system.unknowns.numbering
     n = numbering.size_local
     rows, columns, _ = entries(A, least=-1.0 if with_zeros else NEGLIGIBLE_ENTRY)
     is_left_out = np.zeros(n, dtype=bool)
@@ -55,8 +55,8 @@ def _edges_within_nodes(system: System, is_fixed: npt.NDArray[np.bool_]) -> tupl
     at their first and second ends."""
     sources: list[Labels] = []
     targets: list[Labels] = []
-    for body in system.bodies:
-        owned = system.block(body).owned
+    for body in system.unknowns.bodies:
+        owned = system.unknowns.block(body).owned
         unknowns = np.arange(owned.start, owned.stop)
         components = unknowns.reshape(-1, body.block.size)
         for i in range(1, body.block.size):
@@ -72,11 +72,11 @@ def _common_labels(system: System, component: Labels, count: int, others: Labels
     """Labels of the parts of this rank's unknowns (n,) that agree on all ranks: the smallest index
     of an unknown in the part.  `component` has the parts, of `count`, on this rank alone: of its n
     unknowns, and then of those of other ranks with the global indices `others`.  Collective."""
-    n = system.numbering.size_local
-    own_indices = system.numbering.start + np.arange(n)
+    n = system.unknowns.numbering.size_local
+    own_indices = system.unknowns.numbering.start + np.arange(n)
     smallest = np.full(count, np.iinfo(np.int64).max)
     np.minimum.at(smallest, component[:n], own_indices)
-    vector = system.numbering.vector()
+    vector = system.unknowns.numbering.vector()
     received = PETSc.Vec().createSeq(len(others))
     source = PETSc.IS().createGeneral(others.astype(PETSc.IntType), comm=MPI.COMM_SELF)
     scatter = PETSc.Scatter().create(vector, source, received, None)

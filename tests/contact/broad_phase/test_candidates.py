@@ -90,7 +90,7 @@ def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
     ]
     contact = gx.Contact(*films, distance=1e-3)
     run = run_until(1e-3, contact, dt=1e-4)
-    contact_set = run.system.active_sets[0]
+    contact_set = run.system.equations.active_sets[0]
     assert contact_set.search.count <= 4
     # 3 films of 98 nodes have some 1e5 pairs; those within reach are a few.
     assert len(contact_set.candidates) <= 100

@@ -38,7 +38,7 @@ def test_no_rank_knows_all_facets(comm):
     # all of the half of a film that the partition has put above its own half.
     assert foreign_count > 0
     is_own = np.isin(mesh.known.points.number, mesh.share.surface.points.number)
-    x = mesh.points.at(run.system.q0, run.system.time)
+    x = mesh.points.at(run.system.unknowns.q0, run.system.unknowns.time)
     to_nearest, _ = KDTree(x[is_own]).query(x[~is_own])
     assert to_nearest.max() < 0.25
     # The unknowns that are fetched in each iteration are those of the known points.

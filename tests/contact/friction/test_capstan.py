@@ -80,7 +80,7 @@ def test_sliding_follows_the_capstan_equation(shift):
     run, cable = wrapped_cable(pull=2.2, shift=shift)
     run.run(until=0.02)
     assert run.substeps == 0
-    velocity = run.system.state[cable].velocities()
+    velocity = run.system.unknowns.state[cable].velocities()
     speed = np.linalg.norm(velocity, axis=1)
     # The same at both places [m/s], to the tolerance of the steps.
     assert speed.mean() == pytest.approx(0.210712, abs=1e-6)
@@ -97,9 +97,9 @@ def test_sliding_follows_the_capstan_equation(shift):
 def test_what_rests_under_load_takes_no_shorter_steps():
     """The residual is compared with the load that contact carries, because nothing moves."""
     run, cable = wrapped_cable(pull=1.5)
-    start = run.system.state[cable].positions().copy()
+    start = run.system.unknowns.state[cable].positions().copy()
     run.run(until=0.022)
-    moved = np.linalg.norm(run.system.state[cable].positions() - start, axis=1)
+    moved = np.linalg.norm(run.system.unknowns.state[cable].positions() - start, axis=1)
     assert run.substeps == 0
     # The ends come nearer to the drum by the contact distance at most; they do not slide.
     assert moved.max() < DISTANCE

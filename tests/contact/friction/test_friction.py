@@ -192,8 +192,11 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
 
 def _spin(run, ball) -> float:
     """Angular velocity about y."""
-    owned = run.system.state[ball].owned
-    d, rate = (z.array_r[owned].reshape(-1, 4, 3)[:, 1:] for z in (run.system.q0, run.system.v0))
+    owned = run.system.unknowns.state[ball].owned
+    d, rate = (
+        z.array_r[owned].reshape(-1, 4, 3)[:, 1:]
+        for z in (run.system.unknowns.q0, run.system.unknowns.v0)
+    )
     return run.comm.allreduce(float(np.cross(d, rate)[..., 1].sum() / 2))
 
 
@@ -249,7 +252,10 @@ def test_a_ball_rolls_in_a_bag_if_there_is_friction(μ) -> None:
     run = simulate([contact, *rim, gx.Gravity(bag), gx.Gravity(ball)], 0.25, 1e-3)
     assert abs(run.energy_error) < 1e-9
     assert count_intersections(run) == 0
-    state = (z.array_r[run.system.state[ball].owned] for z in (run.system.q0, run.system.v0))
+    state = (
+        z.array_r[run.system.unknowns.state[ball].owned]
+        for z in (run.system.unknowns.q0, run.system.unknowns.v0)
+    )
     (_, *d), (v, *rates) = (z.reshape(4, 3) for z in state)
     ω = np.cross(d, rates).sum(axis=0) / 2
     slip = (v + np.cross(ω, [0, 0, -r]))[:2]
