@@ -21,6 +21,7 @@ DEFAULT_TESTS = [
     "tests/reduction",
     "tests/conservation/test_compartments.py",
     "tests/unit/test_cell_loops.py",
+    "tests/unit/test_gas_openings.py",
 ]
 
 

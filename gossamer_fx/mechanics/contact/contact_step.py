@@ -260,30 +260,24 @@ class PairStep:
 
     def states(self, x1: Array) -> ByteArray:
         """Return what each pair does in the step (n,), a `PairState`."""
-        state = self._new_states()
-        self._evaluate(x1, state, {})
-        return state
+        return self._evaluate(x1, {})
 
     def add_forces(self, x1: Array, point_forces: Array) -> ByteArray:
         """Add the forces [N] to those on points (m, 3); return what each pair does, `states`."""
-        state = self._new_states()
-        self._evaluate(x1, state, {"point_forces": point_forces})
-        return state
+        return self._evaluate(x1, {"point_forces": point_forces})
 
     def forces(self, x1: Array) -> tuple[ByteArray, Array]:
         """Return what each pair does (n,), and the forces on its four points (n, 4, 3) [N]."""
-        state = self._new_states()
-        forces = np.empty((len(state), 12))
-        self._evaluate(x1, state, {"pair_forces": forces})
+        forces = np.empty((len(self.pairs), 12))
+        state = self._evaluate(x1, {"pair_forces": forces})
         return state, forces.reshape(-1, 4, 3)
 
     def forces_and_tangents(self, x1: Array) -> tuple[ByteArray, Array, Array]:
         """Return what `forces` returns, and the derivatives of the forces by the points at the end
         (n, 4, 3, 4, 3) [N/m]."""
-        state = self._new_states()
-        forces = np.empty((len(state), 12))
-        tangents = np.empty((len(state), 144))
-        self._evaluate(x1, state, {"pair_forces": forces, "pair_tangents": tangents})
+        forces = np.empty((len(self.pairs), 12))
+        tangents = np.empty((len(self.pairs), 144))
+        state = self._evaluate(x1, {"pair_forces": forces, "pair_tangents": tangents})
         return state, forces.reshape(-1, 4, 3), tangents.reshape(-1, 4, 3, 4, 3)
 
     def tangents(self, x1: Array, state: ByteArray, geometric_share: float) -> Array:
@@ -292,7 +286,7 @@ class PairStep:
         stiffness [-], which may make tangents indefinite."""
         tangents = np.empty((len(state), 144))
         results = {"pair_tangents": tangents}
-        self._evaluate(x1, state, results, is_known=True, geometric_share=geometric_share)
+        self._evaluate(x1, results, state=state, geometric_share=geometric_share)
         return tangents.reshape(-1, 4, 3, 4, 3)
 
     def add_tangents(
@@ -302,10 +296,9 @@ class PairStep:
         results = {"blocks": blocks.values}
         self._evaluate(
             x1,
-            state,
             results,
             block_index=blocks.index,
-            is_known=True,
+            state=state,
             geometric_share=geometric_share,
         )
 
@@ -323,66 +316,83 @@ class PairStep:
         found[is_boundary(self.pairs.kind)] = 0.0
         return found
 
-    def _new_states(self) -> ByteArray:
-        return np.empty(len(self.pairs), dtype=np.uint8)
-
     @cached_property
     def _table(self) -> CStruct:
         """The pairs as C takes them."""
         return _active_pairs(self.pairs, self.pairs.start, self.law)
 
     @cached_property
-    def _arguments(self) -> tuple[CStruct, CStruct]:
-        """The step and its response as C takes them, of which each call fills in the end of the
-        step and its own arrays: most of a call would be spent on making them again."""
+    def _call(self) -> _Call:
+        """What a call of C takes."""
         c = library()
         nothing = c.ffi.NULL
+        x1 = np.empty(self.x0.shape)
+        state: ByteArray = np.empty(len(self.pairs), dtype=np.uint8)
         step = {
             "x0": c.array("x0", self.x0, "float64", (len(self.x0), 3)),
-            "x1": nothing,
+            "x1": c.array("x1", x1, "float64", x1.shape),
             "alpha": self.alpha,
             "is_state": acts_at_end(self.alpha),
             "geometric_share": 1.0,
             "push_back": self.push_back,
         }
-        response = {"state": nothing, "state_is_known": False, "block_index": nothing}
-        response |= dict.fromkeys(RESULTS, nothing)
-        return c.struct("contact_step", step), c.struct("contact_response", response)
+        response = {
+            "state": c.array("state", state, "uint8", state.shape, writable=True),
+            "state_is_known": False,
+            "block_index": nothing,
+            **dict.fromkeys(RESULTS, nothing),
+        }
+        return _Call(
+            x1, state, c.struct("contact_step", step), c.struct("contact_response", response)
+        )
 
     def _evaluate(
         self,
         x1: Array,
-        state: ByteArray,
         results: Mapping[str, Array],
         *,
         block_index: Int32Array | None = None,
-        is_known: bool = False,
+        state: ByteArray | None = None,
         geometric_share: float = 1.0,
-    ) -> None:
-        """Let C compute the step to x1.  `results`: arrays that it writes or adds to, by the fields
-        of `contact_response`; fields without an array are not computed.  `is_known`: whether C
-        reads `state`, or writes it."""
-        count = len(state)
-        if not count:
-            return
+    ) -> ByteArray:
+        """Let C compute the step to x1; return what each pair does.  `results`: arrays that it
+        writes or adds to, by the fields of `contact_response`; fields without an array are not
+        computed.  `state`: what each pair does, if that is known."""
         c = library()
-        step_struct, response_struct = self._arguments
-        step = step_struct.pointer
-        response = response_struct.pointer
-        step.x1 = c.array("x1", x1, "float64", self.x0.shape)
-        step.geometric_share = geometric_share
-        response.state = c.array("state", state, "uint8", (count,), writable=True)
-        response.state_is_known = is_known
-        response.block_index = c.array("block_index", block_index, "int32", (count, 16))
+        call = self._call
+        if not len(call.state):
+            return call.state
+        call.x1[:] = x1
+        if state is not None:
+            call.state[:] = state
+        call.step.pointer.geometric_share = geometric_share
+        response = call.response.pointer
+        response.state_is_known = state is not None
+        if block_index is not None:
+            response.block_index = c.array(
+                "block_index", block_index, "int32", (len(call.state), 16)
+            )
         for name, values in results.items():
             setattr(response, name, c.array(name, values, "float64", values.shape, writable=True))
         table = self._table
-        if step.is_state:
+        if acts_at_end(self.alpha):
             # In statics the force is the gradient at the end, whose closest points it needs.
             table = PairStep.of_state(self.pairs, x1, self.law)._table
-        c.lib.evaluate_pairs(table.pointer, step, response)
+        c.lib.evaluate_pairs(table.pointer, call.step.pointer, response)
         for name in results:
             setattr(response, name, c.ffi.NULL)
+        return call.state.copy()
+
+
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """Arguments of a call of C, with buffers for the end of the step and the states: they are made
+    once, which takes longer than the evaluation of few pairs."""
+
+    x1: Array
+    state: ByteArray
+    step: CStruct
+    response: CStruct
 
 
 # ---- groups of pairs ----

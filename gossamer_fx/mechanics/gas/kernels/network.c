@@ -348,16 +348,13 @@ static double enthalpy_of(const gas_network *net, ptrdiff_t i, ptrdiff_t j, int3
 /* Add the product of a column of slopes of an opening's flow with the signs at both ends to the
    rows of the chambers; `by_energy` is the slope of its energy flow, `by_mass` of its mass flow,
    which has the fractions Y with the slopes Y_slopes, null for none, at the mass flow `mass`. */
-static void add_column(const gas_network *net, ptrdiff_t i, int up, const gas_state ends[2],
-                       double by_energy, double by_mass, double mass, const double *fractions,
-                       const double *fraction_slopes, ptrdiff_t column, ptrdiff_t stride,
-                       double *by)
+static void add_column(const gas_network *net, ptrdiff_t i, double by_energy, double by_mass,
+                       double mass, const double *fractions, const double *fraction_slopes,
+                       ptrdiff_t column, ptrdiff_t stride, double *by)
 {
     const ptrdiff_t n = net->chamber_count;
     const ptrdiff_t count = species_of(net, i);
     const int32_t *local = net->local + 2 * net->carried_first[i];
-    (void)up;
-    (void)ends;
     for (int side = 0; side < 2; ++side) {
         const int32_t k = net->ends[2 * i + side];
         const double gained = side == 0 ? -*net->h : *net->h;
@@ -449,13 +446,13 @@ static void add_flow(const gas_network *net, ptrdiff_t i, int order, double *ope
                 by_energy += enthalpy_slope * flow;
                 slopes = fraction_slopes;
             }
-            add_column(net, i, up, ends, by_energy, by_mass, flow, fractions, slopes,
+            add_column(net, i, by_energy, by_mass, flow, fractions, slopes,
                        state->columns[variable], stride, by);
         }
     }
     if (order > 1) {
         const double by_area = df[2 * width];
-        add_column(net, i, up, ends, enthalpy * by_area, by_area, flow, fractions, NULL,
+        add_column(net, i, enthalpy * by_area, by_area, flow, fractions, NULL,
                    columns_of(net).area + i, stride, by);
     }
 }
@@ -797,7 +794,6 @@ static void add_conductance(const gas_network *net, ptrdiff_t i, const gas_weigh
     if (sums->by && is_carried)
         for (int side = 0; side < 2; ++side)
             ratio_by_T[side] = carried_ratio_slope(net, i, &ends[side]);
-    /* The slope of the logarithm of the factor by the properties upstream */
     const ptrdiff_t by_count = sums->by ? width : net->by_count[i];
     if (sums->by)
         net->slopes[i](x, f, df, NULL);
@@ -883,21 +879,17 @@ static void add_conductance(const gas_network *net, ptrdiff_t i, const gas_weigh
                                  slope[HEAT_RATIO] / gas[HEAT_RATIO];
                 row[ends[up].columns[v]] += scale * (sum + f[0] * log_slope);
             }
-            for (ptrdiff_t v = 0; v < ends[down].variable_count; ++v) {
-                const double *slope =
-                    ends[down].slopes + v * (FRACTIONS + ends[down].species_count);
-                double *own = df + down * width;
-                const double by_pressure = own[PRESSURE] + f[0] / (p[up] - low);
-                const double by_temperature = own[TEMPERATURE];
-                own[PRESSURE] = is_almost ? 0 : by_pressure;
-                own[TEMPERATURE] = 0;
-                double sum =
-                    chain_at(net, i, down, &ends[down], v, own, is_carried ? ratio_by_T[down] : 0);
-                own[PRESSURE] = by_pressure - f[0] / (p[up] - low);
-                own[TEMPERATURE] = by_temperature;
-                (void)slope;
-                row[ends[down].columns[v]] += scale * sum;
-            }
+            /* Of the end downstream only its pressure counts, and the kind of its gas: it has the
+               temperature upstream. */
+            double own[FRACTIONS] = {0};
+            double *by_end = df + down * width;
+            memcpy(own, by_end, sizeof own);
+            by_end[PRESSURE] = is_almost ? 0 : own[PRESSURE] + f[0] / (p[up] - low);
+            by_end[TEMPERATURE] = 0;
+            for (ptrdiff_t v = 0; v < ends[down].variable_count; ++v)
+                row[ends[down].columns[v]] +=
+                    scale * chain_at(net, i, down, &ends[down], v, by_end, ratio_by_T[down]);
+            memcpy(by_end, own, sizeof own);
             row[columns_of(net).area + i] += scale * df[2 * width];
             row[columns_of(net).V0 + k] -= stiffness * conductance / net->V0[k];
         }
