@@ -280,9 +280,9 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     if code and not heard and not messages.is_explained:
         print(
             f"gossamer: the ranks have ended with the code {code} and without a word; if the "
-            "program does not ask for that, a rank has ended by itself: look for os._exit, or for a "
-            "library that breaks off, in what it called, and go on from the last checkpoint, if "
-            "there is one, with --restart.",
+            "program does not ask for that, a rank has ended by itself: look for os._exit, or for "
+            "a library that breaks off, in what it called, and go on from the last checkpoint, "
+            "if there is one, with --restart.",
             file=sys.stderr,
             flush=True,
         )
