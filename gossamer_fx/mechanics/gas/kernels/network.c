@@ -370,12 +370,86 @@ static void add_column(const gas_network *net, ptrdiff_t i, double by_energy, do
     }
 }
 
+/* The flow through an opening: the end `up` from which it comes, its mass flow [kg/s], its enthalpy
+   [J/kg] with the slope by the temperature of that end, and the fractions of what it carries, with
+   space for their slopes. */
+typedef struct {
+    int up;
+    double mass;
+    double enthalpy;
+    double enthalpy_by_T;
+    double *fractions;
+    double *fraction_slopes;
+} gas_flow;
+
+/* Add a flow to the sums of `gas_rates`. */
+static void add_to_sums(const gas_network *net, ptrdiff_t i, const gas_flow *flow, double *mass,
+                        double *energy, double *supplied)
+{
+    const int32_t *local = net->local + 2 * net->carried_first[i];
+    for (int side = 0; side < 2; ++side) {
+        const int32_t k = net->ends[2 * i + side];
+        const double sign = side == 0 ? -1 : 1;
+        if (k >= net->chamber_count) {
+            supplied[0] -= sign * flow->mass;
+            supplied[1] -= sign * flow->enthalpy * flow->mass;
+            continue;
+        }
+        energy[k] += sign * flow->enthalpy * flow->mass;
+        for (ptrdiff_t j = 0; j < species_of(net, i); ++j) {
+            const int32_t number = local[2 * j + side];
+            if (number >= 0)
+                mass[net->state_first[k] + number] += sign * flow->fractions[j] * flow->mass;
+        }
+    }
+}
+
+/* Slope of the enthalpy of a flow [J/kg] by one variable of the end from which it comes; sets those
+   of its fractions. */
+static double slopes_of_carried(const gas_network *net, ptrdiff_t i, const gas_flow *flow,
+                                const gas_state *state, ptrdiff_t variable)
+{
+    const double *own = state->slopes + variable * (FRACTIONS + state->species_count);
+    double slope = flow->enthalpy_by_T * own[TEMPERATURE];
+    for (ptrdiff_t j = 0; j < species_of(net, i); ++j) {
+        const ptrdiff_t at = net->carried_first[i] + j;
+        const int32_t number = net->local[2 * at + flow->up];
+        flow->fraction_slopes[j] = 0;
+        if (net->carried[at] >= 0 || number < 0) continue;
+        flow->fraction_slopes[j] = own[FRACTIONS + number];
+        slope += own[FRACTIONS + number] * state->enthalpy[number];
+    }
+    return slope;
+}
+
+/* Add the derivatives of a flow by the variables of both ends to those of the residual; df are the
+   slopes of its law, by `by_count` inputs. */
+static void add_flow_slopes(const gas_network *net, ptrdiff_t i, const gas_flow *flow,
+                            const gas_state *ends, const double *df, ptrdiff_t by_count, double *by,
+                            ptrdiff_t stride)
+{
+    for (int side = 0; side < 2; ++side) {
+        const gas_state *state = &ends[side];
+        for (ptrdiff_t variable = 0; variable < state->variable_count; ++variable) {
+            const double by_mass =
+                chain(net, i, side, state, variable, df + side * by_count, by_count);
+            double by_energy = flow->enthalpy * by_mass;
+            const double *slopes = NULL;
+            if (side == flow->up) {
+                by_energy += slopes_of_carried(net, i, flow, state, variable) * flow->mass;
+                slopes = flow->fraction_slopes;
+            }
+            add_column(net, i, by_energy, by_mass, flow->mass, flow->fractions, slopes,
+                       state->columns[variable], stride, by);
+        }
+    }
+}
+
 /* Add the flow through an opening: to the sums of `gas_rates` if `openings` is given, and its
    derivatives to those of the residual if `by` is given. */
 static void add_flow(const gas_network *net, ptrdiff_t i, int order, double *openings,
                      double *mass, double *energy, double *supplied, double *by, ptrdiff_t stride)
 {
-    const ptrdiff_t n = net->chamber_count;
     const ptrdiff_t count = species_of(net, i);
     const ptrdiff_t width = FRACTIONS + count;
     gas_state ends[2];
@@ -384,75 +458,31 @@ static void add_flow(const gas_network *net, ptrdiff_t i, int order, double *ope
     double *f = scratch(net);
     double *df = f + 3;
     double *fractions = df + 3 * (2 * width + 1);
-    double *fraction_slopes = fractions + count;
     const double *x = set_inputs(net, i, ends);
     const ptrdiff_t by_count = order > 1 ? width : net->by_count[i];
     if (order > 1)
         net->slopes[i](x, f, df, NULL);
     else
         net->flow[i](x, f, by ? df : NULL, NULL);
-    const double flow = f[0];
-    const int up = flow >= 0 ? 0 : 1;
-    const gas_state *gas = &ends[up];
-    double enthalpy = 0;
-    double enthalpy_by_T = 0;
+    gas_flow flow = {f[0] >= 0 ? 0 : 1, f[0], 0, 0, fractions, fractions + count};
+    const gas_state *gas = &ends[flow.up];
     for (ptrdiff_t j = 0; j < count; ++j) {
         int32_t number;
         double slope;
-        fractions[j] = fraction_of(net, i, j, up, gas, &number);
+        fractions[j] = fraction_of(net, i, j, flow.up, gas, &number);
         if (fractions[j] == 0 && number < 0) continue;
-        enthalpy += fractions[j] * enthalpy_of(net, i, j, number, gas, &slope);
-        enthalpy_by_T += fractions[j] * slope;
+        flow.enthalpy += fractions[j] * enthalpy_of(net, i, j, number, gas, &slope);
+        flow.enthalpy_by_T += fractions[j] * slope;
     }
     if (openings) {
-        openings[i] = flow;
-        for (int side = 0; side < 2; ++side) {
-            const int32_t k = net->ends[2 * i + side];
-            const double sign = side == 0 ? -1 : 1;
-            if (k >= n) {
-                supplied[0] -= sign * flow;
-                supplied[1] -= sign * enthalpy * flow;
-                continue;
-            }
-            energy[k] += sign * enthalpy * flow;
-            const int32_t *local = net->local + 2 * net->carried_first[i];
-            for (ptrdiff_t j = 0; j < count; ++j) {
-                const int32_t number = local[2 * j + side];
-                if (number >= 0)
-                    mass[net->state_first[k] + number] += sign * fractions[j] * flow;
-            }
-        }
+        openings[i] = flow.mass;
+        add_to_sums(net, i, &flow, mass, energy, supplied);
     }
     if (!by) return;
-    for (int side = 0; side < 2; ++side) {
-        const gas_state *state = &ends[side];
-        for (ptrdiff_t variable = 0; variable < state->variable_count; ++variable) {
-            const double by_mass =
-                chain(net, i, side, state, variable, df + side * by_count, by_count);
-            double by_energy = enthalpy * by_mass;
-            const double *slopes = NULL;
-            if (side == up) {
-                const double *own =
-                    state->slopes + variable * (FRACTIONS + state->species_count);
-                double enthalpy_slope = enthalpy_by_T * own[TEMPERATURE];
-                for (ptrdiff_t j = 0; j < count; ++j) {
-                    const ptrdiff_t at = net->carried_first[i] + j;
-                    const int32_t number = net->local[2 * at + up];
-                    fraction_slopes[j] = 0;
-                    if (net->carried[at] >= 0 || number < 0) continue;
-                    fraction_slopes[j] = own[FRACTIONS + number];
-                    enthalpy_slope += own[FRACTIONS + number] * state->enthalpy[number];
-                }
-                by_energy += enthalpy_slope * flow;
-                slopes = fraction_slopes;
-            }
-            add_column(net, i, by_energy, by_mass, flow, fractions, slopes,
-                       state->columns[variable], stride, by);
-        }
-    }
+    add_flow_slopes(net, i, &flow, ends, df, by_count, by, stride);
     if (order > 1) {
         const double by_area = df[2 * width];
-        add_column(net, i, enthalpy * by_area, by_area, flow, fractions, NULL,
+        add_column(net, i, flow.enthalpy * by_area, by_area, flow.mass, fractions, NULL,
                    columns_of(net).area + i, stride, by);
     }
 }
@@ -764,136 +794,215 @@ static double carried_ratio_slope(const gas_network *net, ptrdiff_t i, const gas
     return -R / (cv * cv) * cv_by_T;
 }
 
+/* An opening as a conductance between its ends, of which `up` is upstream: inputs x, outputs f and
+   slopes df of its law; h gamma R T upstream; and slopes of gamma of a carried gas by T. */
+typedef struct {
+    ptrdiff_t opening;
+    ptrdiff_t width;
+    int up;
+    int is_carried;
+    gas_state ends[2];
+    double *x;
+    double *f;
+    double *df;
+    double factor;
+    double ratio_by_T[2];
+} gas_conductor;
+
+/* Slope of the logarithm of h gamma R T upstream by a variable of that end. */
+static double log_slope_of_factor(const gas_conductor *c, ptrdiff_t v)
+{
+    const gas_state *state = &c->ends[c->up];
+    const double *gas = c->x + c->up * c->width;
+    const double *slope = state->slopes + v * (FRACTIONS + state->species_count);
+    const double of_T = slope[TEMPERATURE] / gas[TEMPERATURE];
+    if (c->is_carried)
+        return of_T + c->ratio_by_T[c->up] * slope[TEMPERATURE] / gas[HEAT_RATIO];
+    return of_T + slope[GAS_CONSTANT] / gas[GAS_CONSTANT] + slope[HEAT_RATIO] / gas[HEAT_RATIO];
+}
+
+/* Add the slopes of the conductance to the pressure of one chamber, k at the end `side`: those of
+   the relaxation, the slope of the flow by p times that of the pressure by what flowed. */
+static void add_relaxation_slopes(const gas_network *net, const gas_conductor *c, int side,
+                                  int32_t k, const double by_p[2], const gas_weights *sums)
+{
+    const double stiffness = c->factor / net->V0[k];
+    const double sign = side == 0 ? -1 : 1;
+    double *row = sums->by + k * sums->stride;
+    const double *second = c->df + (1 + side) * (2 * c->width + 1);
+    for (int end = 0; end < 2; ++end)
+        for (ptrdiff_t v = 0; v < c->ends[end].variable_count; ++v)
+            row[c->ends[end].columns[v]] -=
+                stiffness * sign *
+                chain_at(net, c->opening, end, &c->ends[end], v, second + end * c->width,
+                         c->ratio_by_T[end]);
+    row[columns_of(net).area + c->opening] -= stiffness * sign * second[2 * c->width];
+    for (ptrdiff_t v = 0; v < c->ends[c->up].variable_count; ++v)
+        row[c->ends[c->up].columns[v]] -=
+            stiffness * sign * by_p[side] * log_slope_of_factor(c, v);
+    row[columns_of(net).V0 + k] += stiffness * sign * by_p[side] / net->V0[k];
+}
+
+/* Add the slopes of the conductance flow/(p_up - low) at the chamber k; `is_almost`: low follows
+   p_up, as the pressures are almost equal. */
+static void add_equalisation_slopes(const gas_network *net, gas_conductor *c, int32_t k, double low,
+                                    int is_almost, const gas_weights *sums)
+{
+    const int up = c->up;
+    const int down = 1 - up;
+    const gas_state *ends = c->ends;
+    const double difference = c->x[up * c->width + PRESSURE] - low;
+    const double sign = up == 0 ? 1 : -1;
+    const double scale = c->factor / net->V0[k] * sign / difference;
+    const double *by_down = c->df + down * c->width;
+    double *row = sums->by + (net->chamber_count + k) * sums->stride;
+    for (ptrdiff_t v = 0; v < ends[up].variable_count; ++v) {
+        const double *slope = ends[up].slopes + v * (FRACTIONS + ends[up].species_count);
+        double sum = chain_at(net, c->opening, up, &ends[up], v, c->df + up * c->width,
+                              c->ratio_by_T[up]);
+        sum += by_down[TEMPERATURE] * slope[TEMPERATURE];
+        double gap = slope[PRESSURE];
+        if (is_almost) {
+            sum += by_down[PRESSURE] * slope[PRESSURE] * (1 - net->rest_difference);
+            gap *= net->rest_difference;
+        }
+        sum -= c->f[0] / difference * gap;
+        row[ends[up].columns[v]] += scale * (sum + c->f[0] * log_slope_of_factor(c, v));
+    }
+    /* Of the end downstream only its pressure counts, and the kind of its gas: it has the
+       temperature upstream. */
+    double *by_end = c->df + down * c->width;
+    double own[FRACTIONS] = {0};
+    memcpy(own, by_end, sizeof own);
+    by_end[PRESSURE] = is_almost ? 0 : own[PRESSURE] + c->f[0] / difference;
+    by_end[TEMPERATURE] = 0;
+    for (ptrdiff_t v = 0; v < ends[down].variable_count; ++v)
+        row[ends[down].columns[v]] +=
+            scale * chain_at(net, c->opening, down, &ends[down], v, by_end, c->ratio_by_T[down]);
+    memcpy(by_end, own, sizeof own);
+    row[columns_of(net).area + c->opening] += scale * c->df[2 * c->width];
+    row[columns_of(net).V0 + k] -= scale * c->f[0] / net->V0[k];
+}
+
+/* Evaluate the law of the opening, with slopes by all its inputs if `by`, else those that `df`
+   takes. */
+static void evaluate(const gas_network *net, const gas_conductor *c, int by, double *df)
+{
+    if (by)
+        net->slopes[c->opening](c->x, c->f, c->df, NULL);
+    else
+        net->flow[c->opening](c->x, c->f, df, NULL);
+}
+
+/* Make an opening ready as a conductance; returns whether it is one: two vacuums exchange
+   nothing. */
+static int set_conductor(const gas_network *net, ptrdiff_t i, int by, gas_conductor *c)
+{
+    c->opening = i;
+    c->width = FRACTIONS + species_of(net, i);
+    c->is_carried = net->carried[net->carried_first[i]] >= 0;
+    for (int side = 0; side < 2; ++side)
+        c->ends[side] = ready_state(net, net->ends[2 * i + side], by ? 2 : 0, 1);
+    c->x = set_inputs(net, i, c->ends);
+    if (c->is_carried)
+        for (int side = 0; side < 2; ++side)
+            carry_alone(net, i, &c->ends[side], c->x + side * c->width);
+    const double *first = c->x;
+    const double *second = c->x + c->width;
+    /* Of equal pressures the hotter end counts as upstream. */
+    c->up = first[PRESSURE] >= second[PRESSURE] ? 0 : 1;
+    if (first[PRESSURE] == second[PRESSURE])
+        c->up = first[TEMPERATURE] >= second[TEMPERATURE] ? 0 : 1;
+    const double *gas = c->x + c->up * c->width;
+    c->f = scratch(net);
+    c->df = c->f + 3;
+    c->factor = *net->h * gas[HEAT_RATIO] * gas[GAS_CONSTANT] * gas[TEMPERATURE];
+    for (int side = 0; side < 2; ++side)
+        c->ratio_by_T[side] =
+            by && c->is_carried ? carried_ratio_slope(net, i, &c->ends[side]) : 0;
+    return gas[PRESSURE] > 0;
+}
+
 /* Add the conductances of an opening to the sums of its chambers. */
 static void add_conductance(const gas_network *net, ptrdiff_t i, const gas_weights *sums)
 {
-    const ptrdiff_t n = net->chamber_count;
-    const ptrdiff_t width = FRACTIONS + species_of(net, i);
-    const int order = sums->by ? 2 : 0;
-    const int is_carried = net->carried[net->carried_first[i]] >= 0;
-    gas_state ends[2];
-    for (int side = 0; side < 2; ++side)
-        ends[side] = ready_state(net, net->ends[2 * i + side], order, 1);
-    double *x = set_inputs(net, i, ends);
-    if (is_carried)
-        for (int side = 0; side < 2; ++side)
-            carry_alone(net, i, &ends[side], x + side * width);
-    const double p[2] = {x[PRESSURE], x[width + PRESSURE]};
-    const double T[2] = {x[TEMPERATURE], x[width + TEMPERATURE]};
-    /* Of equal pressures the hotter end counts as upstream. */
-    int up = p[0] >= p[1] ? 0 : 1;
-    if (p[0] == p[1]) up = T[0] >= T[1] ? 0 : 1;
-    const int down = 1 - up;
-    /* Two vacuums exchange nothing. */
-    if (p[up] <= 0) return;
-    double *f = scratch(net);
-    double *df = f + 3;
-    const double *gas = x + up * width;
-    const double factor = *net->h * gas[HEAT_RATIO] * gas[GAS_CONSTANT] * gas[TEMPERATURE];
-    double ratio_by_T[2] = {0, 0};
-    if (sums->by && is_carried)
-        for (int side = 0; side < 2; ++side)
-            ratio_by_T[side] = carried_ratio_slope(net, i, &ends[side]);
-    const ptrdiff_t by_count = sums->by ? width : net->by_count[i];
-    if (sums->by)
-        net->slopes[i](x, f, df, NULL);
-    else
-        net->flow[i](x, f, df, NULL);
-    const double by_p[2] = {sums->by ? f[1] : df[PRESSURE],
-                            sums->by ? f[2] : df[by_count + PRESSURE]};
-    const ptrdiff_t row_length = 2 * width + 1;
+    const int by = sums->by != NULL;
+    gas_conductor c;
+    if (!set_conductor(net, i, by, &c)) return;
+    const ptrdiff_t by_count = by ? c.width : net->by_count[i];
+    evaluate(net, &c, by, c.df);
+    const double by_p[2] = {by ? c.f[1] : c.df[PRESSURE],
+                            by ? c.f[2] : c.df[by_count + PRESSURE]};
     for (int side = 0; side < 2; ++side) {
         const int32_t k = net->ends[2 * i + side];
-        if (k >= n) continue;
-        const double sign = side == 0 ? -1 : 1;
-        const double stiffness = factor / net->V0[k];
-        sums->relaxation[k] -= stiffness * sign * by_p[side];
-        if (!sums->by) continue;
-        double *row = sums->by + k * sums->stride;
-        const double *second = df + (1 + side) * row_length;
-        for (int end = 0; end < 2; ++end)
-            for (ptrdiff_t v = 0; v < ends[end].variable_count; ++v)
-                row[ends[end].columns[v]] -=
-                    stiffness * sign *
-                    chain_at(net, i, end, &ends[end], v, second + end * width, ratio_by_T[end]);
-        row[columns_of(net).area + i] -= stiffness * sign * second[2 * width];
-        double by_factor[FRACTIONS] = {0, 1 / gas[TEMPERATURE], 1 / gas[GAS_CONSTANT],
-                                       1 / gas[HEAT_RATIO]};
-        if (is_carried) by_factor[GAS_CONSTANT] = 0;
-        for (ptrdiff_t v = 0; v < ends[up].variable_count; ++v) {
-            const double *slope = ends[up].slopes + v * (FRACTIONS + ends[up].species_count);
-            double sum = by_factor[TEMPERATURE] * slope[TEMPERATURE];
-            if (is_carried)
-                sum += by_factor[HEAT_RATIO] * ratio_by_T[up] * slope[TEMPERATURE];
-            else
-                sum += by_factor[GAS_CONSTANT] * slope[GAS_CONSTANT] +
-                       by_factor[HEAT_RATIO] * slope[HEAT_RATIO];
-            row[ends[up].columns[v]] -= stiffness * sign * by_p[side] * sum;
-        }
-        row[columns_of(net).V0 + k] += stiffness * sign * by_p[side] / net->V0[k];
+        if (k >= net->chamber_count) continue;
+        sums->relaxation[k] -= c.factor / net->V0[k] * (side == 0 ? -1 : 1) * by_p[side];
+        if (by) add_relaxation_slopes(net, &c, side, k, by_p, sums);
     }
     /* A driven flow does not fall to zero with the difference of pressures. */
     if (net->driven[i]) return;
+    const double *gas = c.x + c.up * c.width;
+    double *below = c.x + (1 - c.up) * c.width;
+    const double p_down = below[PRESSURE];
     /* z of (5) has the difference in its denominator: it is taken at no smaller one than this. */
-    const double almost_equal = p[up] * (1 - net->rest_difference);
-    x[down * width + TEMPERATURE] = T[up];
+    const double almost_equal = gas[PRESSURE] * (1 - net->rest_difference);
+    below[TEMPERATURE] = gas[TEMPERATURE];
     for (int rest = 0; rest < 2; ++rest) {
-        const int is_almost = rest || almost_equal < p[down];
-        const double low = is_almost ? almost_equal : p[down];
-        x[down * width + PRESSURE] = low;
-        if (sums->by)
-            net->slopes[i](x, f, df, NULL);
-        else
-            net->flow[i](x, f, NULL, NULL);
-        const double sign = up == 0 ? 1 : -1;
-        const double conductance = sign * f[0] / (p[up] - low);
+        const int is_almost = rest || almost_equal < p_down;
+        const double low = is_almost ? almost_equal : p_down;
+        below[PRESSURE] = low;
+        evaluate(net, &c, by, NULL);
+        const double conductance = (c.up == 0 ? 1 : -1) * c.f[0] / (gas[PRESSURE] - low);
+        double *sum = rest ? sums->at_rest : sums->equalisation;
         for (int side = 0; side < 2; ++side) {
             const int32_t k = net->ends[2 * i + side];
-            if (k >= n) continue;
-            const double stiffness = factor / net->V0[k];
-            if (rest) {
-                sums->at_rest[k] += stiffness * conductance;
-                continue;
-            }
-            sums->equalisation[k] += stiffness * conductance;
-            if (!sums->by) continue;
-            double *row = sums->by + (n + k) * sums->stride;
-            const double scale = stiffness * sign / (p[up] - low);
-            for (ptrdiff_t v = 0; v < ends[up].variable_count; ++v) {
-                const double *slope =
-                    ends[up].slopes + v * (FRACTIONS + ends[up].species_count);
-                double sum = chain_at(net, i, up, &ends[up], v, df + up * width, ratio_by_T[up]);
-                sum += df[down * width + TEMPERATURE] * slope[TEMPERATURE];
-                double gap = slope[PRESSURE];
-                if (is_almost) {
-                    sum += df[down * width + PRESSURE] * slope[PRESSURE] *
-                           (1 - net->rest_difference);
-                    gap *= net->rest_difference;
-                }
-                sum -= f[0] / (p[up] - low) * gap;
-                double log_slope = slope[TEMPERATURE] / gas[TEMPERATURE];
-                if (is_carried)
-                    log_slope += ratio_by_T[up] * slope[TEMPERATURE] / gas[HEAT_RATIO];
-                else
-                    log_slope += slope[GAS_CONSTANT] / gas[GAS_CONSTANT] +
-                                 slope[HEAT_RATIO] / gas[HEAT_RATIO];
-                row[ends[up].columns[v]] += scale * (sum + f[0] * log_slope);
-            }
-            /* Of the end downstream only its pressure counts, and the kind of its gas: it has the
-               temperature upstream. */
-            double own[FRACTIONS] = {0};
-            double *by_end = df + down * width;
-            memcpy(own, by_end, sizeof own);
-            by_end[PRESSURE] = is_almost ? 0 : own[PRESSURE] + f[0] / (p[up] - low);
-            by_end[TEMPERATURE] = 0;
-            for (ptrdiff_t v = 0; v < ends[down].variable_count; ++v)
-                row[ends[down].columns[v]] +=
-                    scale * chain_at(net, i, down, &ends[down], v, by_end, ratio_by_T[down]);
-            memcpy(by_end, own, sizeof own);
-            row[columns_of(net).area + i] += scale * df[2 * width];
-            row[columns_of(net).V0 + k] -= stiffness * conductance / net->V0[k];
+            if (k >= net->chamber_count) continue;
+            sum[k] += c.factor / net->V0[k] * conductance;
+            if (by && !rest) add_equalisation_slopes(net, &c, k, low, is_almost, sums);
         }
     }
+}
+
+/* Set the weight of a wall, and its derivatives if `by` is given. */
+static void choose_wall_weight(const gas_network *net, ptrdiff_t i, double *by)
+{
+    const gas_columns at = columns_of(net);
+    const int32_t k = net->wall_chamber[i];
+    const double T = net->T0[k];
+    const double wall[3] = {T, net->wall_state[2 * i], net->wall_state[2 * i + 1]};
+    double f[2];
+    double df[6];
+    net->heat_flow[i](wall, f, by ? df : NULL, NULL);
+    /* Relaxations of the temperature in a step; m c_v = c_v/R p V/T */
+    const double capacity = net->pV0[k] / (net->exponent[k] * T);
+    const double rate = *net->h * f[1] / capacity;
+    const double x[2] = {rate, 0};
+    double weight;
+    double slopes[2];
+    net->weight(x, &weight, slopes, NULL);
+    net->wall_theta[i] = weight;
+    net->amplification[k] += rate;
+    if (!by) return;
+    double *row = by + (net->chamber_count + i) * at.all;
+    const gas_state state = ready_state(net, k, 1, 1);
+    /* The capacity is the sum of m c_v(T). */
+    for (ptrdiff_t v = 0; v < state.variable_count; ++v) {
+        const double *slope = state.slopes + v * (FRACTIONS + state.species_count);
+        double capacity_slope = 0;
+        for (ptrdiff_t j = 0; j < state.species_count; ++j) {
+            double u;
+            double cv;
+            double cv_by_T;
+            heat_of(net, state.species[j], T, &u, &cv, &cv_by_T);
+            capacity_slope += net->m0[net->state_first[k] + j] * cv_by_T * slope[TEMPERATURE];
+            if (v == 2 + j) capacity_slope += cv;
+        }
+        row[state.columns[v]] =
+            slopes[0] * (*net->h * df[3] * slope[TEMPERATURE] / capacity -
+                         rate * capacity_slope / capacity);
+    }
+    row[at.wall_state + 2 * i] = slopes[0] * *net->h * df[4] / capacity;
+    row[at.wall_state + 2 * i + 1] = slopes[0] * *net->h * df[5] / capacity;
 }
 
 /* Set the weights, and their derivatives (n + w, stride) if `by` is given. */
@@ -923,44 +1032,7 @@ static void choose_weights(const gas_network *net, double *by, double *by_sums)
             by[k * at.all + column] = df[0] * by_sums[k * at.all + column] +
                                       df[1] * by_sums[(n + k) * at.all + column];
     }
-    for (ptrdiff_t i = 0; i < net->wall_count; ++i) {
-        const int32_t k = net->wall_chamber[i];
-        const double T = net->T0[k];
-        const double wall[3] = {T, net->wall_state[2 * i], net->wall_state[2 * i + 1]};
-        double f[2];
-        double df[6];
-        net->heat_flow[i](wall, f, by ? df : NULL, NULL);
-        /* Relaxations of the temperature in a step; m c_v = c_v/R p V/T */
-        const double capacity = net->pV0[k] / (net->exponent[k] * T);
-        const double rate = *net->h * f[1] / capacity;
-        const double x[2] = {rate, 0};
-        double weight;
-        double slopes[2];
-        net->weight(x, &weight, slopes, NULL);
-        net->wall_theta[i] = weight;
-        net->amplification[k] += rate;
-        if (!by) continue;
-        double *row = by + (n + i) * at.all;
-        const gas_state state = ready_state(net, k, 1, 1);
-        /* The capacity is the sum of m c_v(T). */
-        for (ptrdiff_t v = 0; v < state.variable_count; ++v) {
-            const double *slope = state.slopes + v * (FRACTIONS + state.species_count);
-            double capacity_slope = 0;
-            for (ptrdiff_t j = 0; j < state.species_count; ++j) {
-                double u;
-                double cv;
-                double cv_by_T;
-                heat_of(net, state.species[j], T, &u, &cv, &cv_by_T);
-                capacity_slope += net->m0[net->state_first[k] + j] * cv_by_T * slope[TEMPERATURE];
-                if (v == 2 + j) capacity_slope += cv;
-            }
-            row[state.columns[v]] =
-                slopes[0] * (*net->h * df[3] * slope[TEMPERATURE] / capacity -
-                             rate * capacity_slope / capacity);
-        }
-        row[at.wall_state + 2 * i] = slopes[0] * *net->h * df[4] / capacity;
-        row[at.wall_state + 2 * i + 1] = slopes[0] * *net->h * df[5] / capacity;
-    }
+    for (ptrdiff_t i = 0; i < net->wall_count; ++i) choose_wall_weight(net, i, by);
 }
 
 void gas_begin(const gas_network *net)
