@@ -1,1 +1,1 @@
-"""A compiled scene: unknowns, residual, tangent, and the ledger's totals."""
+"""A compiled scene: unknowns, equations, matrices, and the energy balance."""
