@@ -76,12 +76,14 @@ from .mechanics.contact.pairs import EdgeEdge as EdgeEdge
 from .mechanics.contact.pairs import PairStencil as PairStencil
 from .mechanics.contact.pairs import PointPlane as PointPlane
 from .mechanics.gas.contract import CompiledWall as CompiledWall
+from .mechanics.gas.contract import Gas as Gas
 from .mechanics.gas.contract import Holder as Holder
 from .mechanics.gas.contract import Opening as Opening
 from .mechanics.gas.contract import Volume as Volume
 from .mechanics.gas.contract import Wall as Wall
 from .mechanics.gas.enclosure import CompiledEnclosure as CompiledEnclosure
 from .mechanics.gas.enclosure import Enclosure as Enclosure
+from .mechanics.gas.network import GasNetwork as GasNetwork
 from .mechanics.materials.film import FilmLaw as FilmLaw
 from .mechanics.materials.film import IsotropicFilm as IsotropicFilm
 from .mechanics.terms.assembly import ActiveSet as ActiveSet

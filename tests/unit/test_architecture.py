@@ -61,7 +61,6 @@ DEMOS_THAT_REACH_IN = {
     "validation/models/everting_film.py",
     "validation/models/hanging_kite.py",
     "validation/models/inflated_cantilever.py",
-    "validation/models/leaking_vessel.py",
     "validation/models/tape_spring.py",
 }
 HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "h5py", "pandas"}

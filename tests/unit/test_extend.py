@@ -15,10 +15,12 @@ from petsc4py import PETSc
 
 import gossamer_fx as gx
 from gossamer_fx.extend import (
+    GasNetwork,
     Newton,
     Obstacle,
     ObstacleBoundary,
     ObstacleSolid,
+    Opening,
     StateView,
     System,
     check,
@@ -168,6 +170,50 @@ def test_an_own_obstacle(comm) -> None:
     lowest = comm.allreduce(float(x[:, 2].min(initial=1.0)), op=MPI.MIN)
     assert lowest < -0.022
     assert abs(run.energy_error) < 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Leak(Opening):
+    """An own opening: a mass flow [kg/s] that is proportional to the difference of pressures."""
+
+    a: gx.Tank
+    b: gx.Tank
+    conductance: float
+    name: str = "leak"
+    scalar_unknowns = GasNetwork
+
+    def requires(self) -> Sequence[object]:
+        return [self.a, self.b]
+
+    def aperture(self, geometry: Any) -> Any:
+        return lambda h, t: self.conductance
+
+    def flow(self, gases: Any, area: float, p: Any, T: Any) -> Any:
+        return area * (p[0] - p[1])
+
+
+@pytest.mark.mpi
+def test_an_own_opening(comm, folder: Path) -> None:
+    """Two tanks of which one is ten times as large: p V is shared, in a restarted run as in one."""
+    air = gx.IdealGas(gamma=1.4, R=287.0)
+
+    def run(until: float, **options: Any) -> gx.Simulation:
+        full = gx.Tank(1e-3, gas=air, pressure=2e5, temperature=300.0, name="full")
+        wide = gx.Tank(1e-2, gas=air, pressure=1e5, temperature=300.0, name="wide")
+        anything = gx.PointMass(1.0, (0.0, 0.0, 0.0), comm=comm)
+        scene = gx.Scene(anything, Leak(full, wide, 2e-9))
+        made = gx.Simulation(scene, gx.Midpoint(dt=0.1), **options)
+        made.run(until=until)
+        return made
+
+    whole = run(100.0)
+    pressure = (2e5 * 1e-3 + 1e5 * 1e-2) / 1.1e-2
+    assert whole.chamber("full").pressure == pytest.approx(pressure, rel=1e-6)
+    assert whole.chamber("wide").pressure == pytest.approx(pressure, rel=1e-6)
+    assert abs(whole.totals.mass - whole.first.mass) < 1e-13 * whole.first.mass
+    run(5.0, checkpoints=gx.Checkpoints(folder))
+    again = run(10.0, restart=folder)
+    assert again.chamber("full").pressure == run(10.0).chamber("full").pressure
 
 
 def test_a_solver_option_of_the_user(monkeypatch) -> None:

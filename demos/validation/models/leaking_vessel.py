@@ -24,9 +24,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.extend import Opening, check
-from gossamer_fx.mechanics.gas.contract import Gas
-from gossamer_fx.mechanics.gas.network import GasNetwork
+from gossamer_fx.extend import Gas, GasNetwork, Opening, check
 
 AIR = gx.IdealGas(gamma=1.4, R=287.05)
 
