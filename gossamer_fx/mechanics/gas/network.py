@@ -28,6 +28,7 @@ W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `c
 from __future__ import annotations
 
 import math
+from inspect import getattr_static
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -518,7 +519,11 @@ def _check_base(item: Any) -> None:
     for base in (Volume, Opening, Wall):
         attributes = {name for name in base.__annotations__ if not hasattr(base, name)}
         members = attributes | getattr(base, "__abstractmethods__", frozenset())
-        if isinstance(item, base) or not all(hasattr(item, name) for name in members):
+        # Not `hasattr`: a property may be collective, and sets have another order on each rank.
+        missing = [
+            name for name in members if getattr_static(item, name, NotImplemented) is NotImplemented
+        ]
+        if isinstance(item, base) or missing:
             continue
         raise InputError(
             f"'{item.name}' has the members of {base.__name__}, but its class "
