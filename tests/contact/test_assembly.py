@@ -166,7 +166,9 @@ def test_strong_couplings_are_some_of_all_whichever_is_asked_for_first() -> None
 
 
 def dense(matrix: PETSc.Mat) -> np.ndarray:
-    return matrix.convert("dense", PETSc.Mat()).getDenseArray().copy()
+    # Named: the array does not keep the matrix, whose memory would be free before the copy.
+    full = matrix.convert("dense", PETSc.Mat())
+    return full.getDenseArray().copy()
 
 
 @pytest.mark.mpi
