@@ -21,7 +21,6 @@ from mpi4py import MPI
 from gossamer_fx.mechanics.contact.contact_step import ContactLaw
 from gossamer_fx.mechanics.contact.contract import (
     Array,
-    ContactAssembly,
     Int32Array,
     Int64Array,
     MaskArray,
@@ -37,7 +36,7 @@ from gossamer_fx.mechanics.contact.pairs import (
     is_boundary,
     stencils_of,
 )
-from gossamer_fx.mechanics.terms.assembly import HistoryVariables
+from gossamer_fx.mechanics.terms.assembly import Assembly, HistoryVariables
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -448,7 +447,7 @@ class PairStiffness:
         mesh: CollisionMesh,
         stiffness: float | None,
         activation_distance: float,
-        system: ContactAssembly,
+        system: Assembly,
     ) -> None:
         self._mesh = mesh
         self.given = stiffness

@@ -26,13 +26,12 @@ from gossamer_fx.core.forms.c_source import check_indices
 from gossamer_fx.mechanics.contact.contract import (
     Array,
     ByteArray,
-    ContactAssembly,
     Int32Array,
     Int64Array,
 )
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
+from gossamer_fx.mechanics.terms.assembly import Assembly, CouplingBlocks
 
 # Norm of a block over the geometric mean of the two on its diagonal from which a preconditioner
 # needs it.  In the inflating tube of docs/theory/contact.md, without them a solve takes 3 to 42
@@ -104,7 +103,7 @@ class CouplingEntries:
 class BlockAssembly:
     """Makes the patterns of what the pairs of one contact add to the tangent."""
 
-    def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
+    def __init__(self, points: ContactPoints, system: Assembly) -> None:
         """Find out which unknowns ranks own; collective."""
         self._points = points
         self._system = system
@@ -252,7 +251,7 @@ class SharedCouplings:
         owners: Int64Array,
         row_dofs: Int64Array,
         column_dofs: Int64Array,
-        system: ContactAssembly,
+        system: Assembly,
     ) -> SharedCouplings:
         """Report to the owners of block rows which blocks they get; collective.  `sent`: indices
         (s,) of these blocks; `owners`: ranks (s,); `row_dofs`, `column_dofs`: first unknowns (s,)
@@ -304,7 +303,7 @@ class TangentPattern:
             their entries (f, 9) that is between two that are not, else 0.
     """
 
-    system: ContactAssembly
+    system: Assembly
     has_node_blocks: bool
     count: int
     index: Sequence[Int32Array]

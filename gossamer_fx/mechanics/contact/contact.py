@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -24,7 +24,7 @@ from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.contact.active_set import ContactHistory
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.contact_step import ContactLaw
-from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array
+from gossamer_fx.mechanics.contact.contract import Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.curved_cells import has_middle_nodes
 from gossamer_fx.mechanics.contact.geometry.facets import TRIANGLE_SIDES, facets_of
@@ -78,12 +78,10 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         (term,) = terms
         item = term.item
         _examine_repeated_contacts(term, system)
-        # The system has a mass matrix when contacts ask for it.
-        whole = cast(ContactAssembly, system)
         own_coefficients = [obstacle.friction for obstacle in item.obstacles]
         of_obstacles = [item.friction if own is None else own for own in own_coefficients]
         has_friction = [coefficient > 0 for coefficient in of_obstacles]
-        mesh = CollisionMesh(item.bodies, item.obstacles, item.radii, whole, has_friction)
+        mesh = CollisionMesh(item.bodies, item.obstacles, item.radii, system, has_friction)
         friction = None
         # An equilibrium has no sliding, and no friction.
         if (item.friction > 0 or any(of_obstacles)) and not system.rule.is_static:
@@ -94,7 +92,7 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
                 coefficient=item.friction,
                 of_obstacles=own_coefficients,
                 slip_velocity=item.slip_velocity,
-                system=whole,
+                system=system,
             )
         ContactSet.__init__(
             self,
@@ -103,7 +101,7 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
             activation_distance=item.distance,
             stiffness=item.stiffness,
             history=term.history,
-            system=whole,
+            system=system,
             friction=friction,
         )
         self.item = item

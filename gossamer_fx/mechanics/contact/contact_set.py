@@ -55,7 +55,7 @@ from gossamer_fx.mechanics.contact.contact_step import (
     energy_of_pairs,
     groups_of,
 )
-from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
@@ -74,7 +74,7 @@ from gossamer_fx.mechanics.contact.pairs import (
     closest_points,
     is_boundary,
 )
-from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
+from gossamer_fx.mechanics.terms.assembly import Assembly, CouplingBlocks
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.
@@ -123,9 +123,7 @@ class StepRules(ABC):
         activation_distance: of the contact [m].
     """
 
-    def __init__(
-        self, points: ContactPoints, system: ContactAssembly, activation_distance: float
-    ) -> None:
+    def __init__(self, points: ContactPoints, system: Assembly, activation_distance: float) -> None:
         self._points = points
         self._system = system
         self._activation_distance = activation_distance
@@ -253,7 +251,7 @@ class ContactSet:
         activation_distance: float,
         stiffness: float | None,
         history: ContactHistory,
-        system: ContactAssembly,
+        system: Assembly,
         friction: Friction | None = None,
     ) -> None:
         c_library(HEADER, system.comm)

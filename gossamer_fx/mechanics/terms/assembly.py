@@ -69,6 +69,7 @@ class Assembly(Protocol):
         v0: rates of the coordinates at the start of the step.
         previous: coordinates at the start of the last accepted step.
         compiled: the compiled kinds of terms, once all are.
+        M: mass matrix [kg], once the scene is compiled.
         geometric: share of the geometric stiffness that tangents have: 1, or 0 in initial
             iterations without it.
     """
@@ -78,6 +79,7 @@ class Assembly(Protocol):
     terms: list[Term]
     compiled: list[CompiledTerms[Never]]
     numbering: Numbering
+    M: PETSc.Mat
     coordinates: dict[Body, Coordinates]
     rule: StressRule
     state: State

@@ -338,16 +338,12 @@ class Scene:
 def _check_that_all_add(items: Sequence[Item], terms: Sequence[Sequence[Term]]) -> None:
     """Refuse an item that adds nothing to a scene, neither itself nor by items that it refers to,
     and that no other one refers to: what its user means would not be computed, without a word."""
-    referred: list[object] = []
-    # An item may be no more than the name of a group of others.
-    groups: list[object] = []
-    for item in items:
-        required = list(item.requires()) if isinstance(item, RefersToItems) else []
-        referred += required
-        groups += [item] * bool(required)
+    required = [list(item.requires()) if isinstance(item, RefersToItems) else [] for item in items]
+    referred = [other for others in required for other in others]
     roles = (InitialCondition, BringsScalarUnknowns, Sampled)
-    for item, brought in zip(items, terms, strict=True):
-        has_role = is_body(item) or isinstance(item, roles) or any(item is one for one in groups)
+    for item, brought, others in zip(items, terms, required, strict=True):
+        # An item may be no more than the name of a group of others.
+        has_role = is_body(item) or isinstance(item, roles) or bool(others)
         check(
             bool(brought) or has_role or any(item is other for other in referred),
             f"'{item.name}' ({type(item).__name__}) adds nothing to the scene, as its terms() are "

@@ -62,7 +62,6 @@ from gossamer_fx.solve.system.residual_sizes import (
     body_imbalances,
     force_scales,
     out_of_balance,
-    round_off_energy,
 )
 from gossamer_fx.solve.system.system import System
 
@@ -415,7 +414,8 @@ class Newton:
         A.getDiagonal(self._diagonal)
         self.convergence.lower_floor(*force_scales(self.system.equations, self._diagonal))
         if is_first:
-            energy = round_off_energy(self.system.unknowns, self._diagonal)
+            unknowns = self.system.unknowns
+            energy = unknowns.increment.round_off_energy(unknowns.M, self._diagonal, unknowns.q1)
             self.round_off_energy = max(self.round_off_energy, energy)
 
     def _choose_linear_tolerance(self) -> None:

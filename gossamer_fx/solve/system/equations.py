@@ -14,7 +14,6 @@ from petsc4py import PETSc
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
-    CompiledTerms,
     Differentiable,
     Multipliers,
     Shown,
@@ -48,12 +47,12 @@ class Equations:
         self.unknowns = unknowns
         # The terms of a kind are those that name it as their compiler, which the type of `kinds`
         # cannot say.
-        self.compiled: list[CompiledTerms[Never]] = [
+        self.compiled = unknowns.compiled
+        self.compiled += [
             compiled
             for kind, alike in unknowns.kinds.items()
             for compiled in kind.compile(cast("list[Never]", alike), unknowns)
         ]
-        unknowns.compiled += self.compiled
         self.constraints: Multipliers | None = next(iter(self.compiled_as(Multipliers)), None)
         self.active_sets = self.compiled_as(ActiveSet)
         self.differentiable = self.compiled_as(Differentiable)

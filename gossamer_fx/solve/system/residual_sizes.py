@@ -52,9 +52,3 @@ def force_scales(equations: Equations, diagonal: PETSc.Vec) -> tuple[float, Arra
         own_squares = unknowns.comm.allreduce(own_squares)
     norms = np.sqrt(own_squares)
     return float(norms[0]), norms[1:]
-
-
-def round_off_energy(unknowns: Unknowns, diagonal: PETSc.Vec) -> float:
-    """Energy [J] that round-off gives to a scene at rest, see `Increment.round_off_energy`.
-    Collective."""
-    return unknowns.increment.round_off_energy(unknowns.M, diagonal, unknowns.q1)

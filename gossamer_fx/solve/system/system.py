@@ -105,10 +105,8 @@ class System:
             compiled.exchange_ends()
         for compiled in self.equations.compiled:
             compiled.begin_step(t + unknowns.rule.alpha * unknowns.h)
-        end_vector = unknowns.numbering.vector()
-        end_vector.array[:] = end
-        self.equations.set_end(end_vector)
-        end_vector.destroy()
+        unknowns.q1.array[:] = end
+        self.equations.set_end(unknowns.q1)
 
     def parameters_changed(self) -> None:
         """Assemble mass matrix, constant stiffness and loads again in place, whose coefficients of

@@ -33,7 +33,7 @@ class Unknowns:
 
     Attributes:
         bodies: the bodies of the scene, in the order of their unknowns.
-        items: the items of the scene that bring terms.
+        items_with_terms: as given.
         terms: all terms of the scene.
         kinds: the terms by the class that compiles them, but for supports.
         initial: the state in which the scene starts.
@@ -66,7 +66,7 @@ class Unknowns:
         self.initial = start
         self.rule = rule
         self.bodies: list[Body] = [one.body for one in start]
-        self._items = items_with_terms
+        self.items_with_terms = items_with_terms
         self.terms: list[Term] = [term for each in items_with_terms for term in each.terms]
         self.time = 0.0
         self.previous_time = 0.0
@@ -118,16 +118,11 @@ class Unknowns:
     @property
     def items(self) -> list[object]:
         """The items of the scene that bring terms."""
-        return [each.item for each in self._items]
-
-    @property
-    def items_with_terms(self) -> Sequence[ItemTerms]:
-        """The items of the scene and what they bring."""
-        return self._items
+        return [each.item for each in self.items_with_terms]
 
     def terms_of(self, item: object) -> Sequence[Term]:
         """The terms that an item of the scene has brought; none if it is not in the scene."""
-        return next((each.terms for each in self._items if each.item is item), ())
+        return next((each.terms for each in self.items_with_terms if each.item is item), ())
 
     def block(self, body: Body) -> NumberedBlock:
         """The unknowns of a body in the numbering."""

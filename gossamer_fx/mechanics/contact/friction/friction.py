@@ -10,7 +10,6 @@ import numpy as np
 from gossamer_fx.mechanics.contact.contact_step import PUSH_BACK, PairStep
 from gossamer_fx.mechanics.contact.contract import (
     Array,
-    ContactAssembly,
     Int32Array,
     Int64Array,
     Sides,
@@ -19,6 +18,7 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import FrictionPairs
 from gossamer_fx.mechanics.contact.friction.sliding import BetweenBodies, WithObstacles
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE, CollisionMesh
 from gossamer_fx.mechanics.contact.pairs import SIDES
+from gossamer_fx.mechanics.terms.assembly import Assembly
 
 
 class Friction:
@@ -36,7 +36,7 @@ class Friction:
         coefficient: float,
         of_obstacles: Sequence[float | None],
         slip_velocity: float,
-        system: ContactAssembly,
+        system: Assembly,
     ) -> None:
         self._mesh = mesh
         self._points = mesh.points

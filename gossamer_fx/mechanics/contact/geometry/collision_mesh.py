@@ -13,7 +13,6 @@ from gossamer_fx.core.model.body import Attached, MeshBody
 from gossamer_fx.mechanics.contact.contract import (
     Array,
     ByteArray,
-    ContactAssembly,
     Int32Array,
     Int64Array,
     Sides,
@@ -358,7 +357,7 @@ class CollisionMesh:
         area[edges] = (of_first + of_second) / 4
         return area
 
-    def body_densities(self, system: ContactAssembly) -> Array:
+    def body_densities(self, system: Assembly) -> Array:
         """Return the mass per area (k,) [kg/m²] of each body and obstacle, in their order; infinite
         for obstacles; collective.  A body has the same density everywhere: its mass over its area
         in the stress-free shape, that of cables and beams being length times diameter."""
@@ -370,7 +369,7 @@ class CollisionMesh:
             density[k] = mass[k] / system.comm.allreduce(own_area)
         return density
 
-    def body_masses(self, system: ContactAssembly) -> Array:
+    def body_masses(self, system: Assembly) -> Array:
         """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective. A body
         whose nodes have no mass has the mass zero. The result is the same on all ranks."""
         numbering = system.numbering

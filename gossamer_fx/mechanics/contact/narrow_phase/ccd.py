@@ -18,7 +18,7 @@ from mpi4py import MPI
 from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.pairs import (
@@ -28,6 +28,7 @@ from gossamer_fx.mechanics.contact.pairs import (
     is_boundary,
     pair_list,
 )
+from gossamer_fx.mechanics.terms.assembly import Assembly
 
 # Positions on the way at which a distance is computed at most.  A sail that turns moves far while
 # its layers stay near each other: with 100, every third step of such a sail was refused for
@@ -137,9 +138,7 @@ STAYS = _Turn(np.eye(3), np.zeros((2, 3)))
 class LargeTurns:
     """Finds bodies that turn past others in a step."""
 
-    def __init__(
-        self, mesh: CollisionMesh, activation_distance: float, system: ContactAssembly
-    ) -> None:
+    def __init__(self, mesh: CollisionMesh, activation_distance: float, system: Assembly) -> None:
         self._mesh = mesh
         self._system = system
         self._activation_distance = activation_distance

@@ -744,20 +744,34 @@ typedef struct {
     ptrdiff_t stride;
 } gas_weights;
 
+/* R and c_v of the carried gas at a temperature, with the slope of c_v by it; null for none. */
+static void heat_of_carried(const gas_network *net, ptrdiff_t i, double T, double *R, double *cv,
+                            double *cv_by_T)
+{
+    *R = 0;
+    *cv = 0;
+    if (cv_by_T) *cv_by_T = 0;
+    for (ptrdiff_t j = 0; j < species_of(net, i); ++j) {
+        const ptrdiff_t at = net->carried_first[i] + j;
+        const int32_t species = net->carried_species[at];
+        double u;
+        double one;
+        double slope;
+        heat_of(net, species, T, &u, &one, cv_by_T ? &slope : NULL);
+        *R += net->carried[at] * net->R[species];
+        *cv += net->carried[at] * one;
+        if (cv_by_T) *cv_by_T += net->carried[at] * slope;
+    }
+}
+
 /* Where the state of an end is replaced: what flows is of the carried gas alone. */
 static void carry_alone(const gas_network *net, ptrdiff_t i, const gas_state *state, double *own)
 {
-    double R = 0;
-    double cv = 0;
-    for (ptrdiff_t j = 0; j < species_of(net, i); ++j) {
-        const ptrdiff_t at = net->carried_first[i] + j;
-        double u;
-        double one;
-        heat_of(net, net->carried_species[at], state->values[TEMPERATURE], &u, &one, NULL);
-        own[FRACTIONS + j] = net->carried[at];
-        R += net->carried[at] * net->R[net->carried_species[at]];
-        cv += net->carried[at] * one;
-    }
+    double R;
+    double cv;
+    heat_of_carried(net, i, state->values[TEMPERATURE], &R, &cv, NULL);
+    for (ptrdiff_t j = 0; j < species_of(net, i); ++j)
+        own[FRACTIONS + j] = net->carried[net->carried_first[i] + j];
     own[GAS_CONSTANT] = R;
     own[HEAT_RATIO] = 1 + R / cv;
 }
@@ -778,19 +792,10 @@ static double chain_at(const gas_network *net, ptrdiff_t i, int side, const gas_
 /* Slope of gamma of the carried gas by the temperature. */
 static double carried_ratio_slope(const gas_network *net, ptrdiff_t i, const gas_state *state)
 {
-    double R = 0;
-    double cv = 0;
-    double cv_by_T = 0;
-    for (ptrdiff_t j = 0; j < species_of(net, i); ++j) {
-        const ptrdiff_t at = net->carried_first[i] + j;
-        double u;
-        double one;
-        double slope;
-        heat_of(net, net->carried_species[at], state->values[TEMPERATURE], &u, &one, &slope);
-        R += net->carried[at] * net->R[net->carried_species[at]];
-        cv += net->carried[at] * one;
-        cv_by_T += net->carried[at] * slope;
-    }
+    double R;
+    double cv;
+    double cv_by_T;
+    heat_of_carried(net, i, state->values[TEMPERATURE], &R, &cv, &cv_by_T);
     return -R / (cv * cv) * cv_by_T;
 }
 
