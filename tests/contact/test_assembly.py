@@ -11,6 +11,7 @@ from petsc4py import PETSc
 import gossamer_fx as gx
 from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 from gossamer_fx.solve.system.tangent import BlockSum, Tangent
+from tests.bodies.spectrum import dense
 from tests.contact.scenes import contact_set_of, simulate, two_films
 
 
@@ -163,12 +164,6 @@ def test_strong_couplings_are_some_of_all_whichever_is_asked_for_first() -> None
     is_strong = dense(strong) != 0
     assert 0 < is_strong.sum() < np.count_nonzero(dense(every))
     assert np.array_equal(dense(strong)[is_strong], dense(every)[is_strong])
-
-
-def dense(matrix: PETSc.Mat) -> np.ndarray:
-    # Named: the array does not keep the matrix, whose memory would be free before the copy.
-    full = matrix.convert("dense", PETSc.Mat())
-    return full.getDenseArray().copy()
 
 
 @pytest.mark.mpi
