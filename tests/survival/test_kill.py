@@ -88,7 +88,8 @@ def field_times(folder: Path) -> list[float]:
     times: list[float] = []
     for part in read_records(folder / "tube.pvd"):
         times += part.times
-        for files in part.files:
+        for record in range(len(part.times)):
+            files = part.files(record)
             for file in files:
                 assert np.isfinite(read_vtu(file).arrays["displacement [m]"]).all()
     return times

@@ -29,14 +29,23 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-# Seconds for which a rank with an error waits for the others.
-PATIENCE = 8.0
+# Seconds for which a rank with an error waits for the others.  With the two seconds in which mpirun
+# ends all ranks they are less than 10.
+PATIENCE = 6.0
 
 # Tag of the messages about errors, which no other part of the program uses.
 TAG = 28531
 
 # Tag of the messages by which a rank says that its program has come to its end.
 ENDED_TAG = 28532
+
+# Tags of the messages that answer it: a rank goes on, or waits for others in a call of mpi4py.
+GOES_ON_TAG = 28533
+WAITS_TAG = 28534
+
+# Seconds between such answers, and the number of times within `PATIENCE` at which they are read.
+BEAT = 0.5
+LOOKS = 4
 
 # Option of prctl(2): the signal that a process gets when its parent ends.
 _PR_SET_PDEATHSIG = 1
@@ -170,11 +179,11 @@ def watch_uncaught_errors() -> None:
 
 
 def _watch_exits() -> None:
-    """Let a rank that ends by sys.exit with a code other than zero end the others, unless they come
-    to their end, too, within `PATIENCE` seconds.
+    """Let a rank that ends alone end the others.
 
-    With the code zero a rank waits for the others, as at the end of the script: one rank may go on
-    for hours with what it does alone.
+    After sys.exit with a code other than zero they have `PATIENCE` seconds to come to their end,
+    too.  A rank that exits with zero, or comes to the end of its script, waits for the others as
+    long as one of them goes on, maybe for hours; if all that remain wait for it, they are ended.
     """
     codes: list[object] = []
 
@@ -189,37 +198,140 @@ def _watch_exits() -> None:
         monitoring.use_tool_id(free[0], "gossamer_fx")
         monitoring.register_callback(free[0], monitoring.events.PY_UNWIND, unwound)
         monitoring.set_events(free[0], monitoring.events.PY_UNWIND)
+    from gossamer_fx.core.checks.waiting import yield_while_waiting
+
+    yield_while_waiting()
+    answering = _Answering()
+    answering.start()
+
+    def leave() -> None:
+        answering.stop()
+        _leave(codes[-1] if codes else None)
+
     # Before MPI_Finalize, which waits for all ranks.
-    atexit.register(lambda: _leave(codes[-1] if codes else None))
+    atexit.register(leave)
+
+
+def _running_mpi() -> Any:
+    """The module mpi4py.MPI between the start and the end of MPI, else None."""
+    # A program without MPI does not load it.
+    loaded = sys.modules.get("mpi4py.MPI")
+    # It is in the list of modules before it has been executed.
+    if loaded is None or not hasattr(loaded, "COMM_WORLD"):
+        return None
+    if not loaded.Is_initialized() or loaded.Is_finalized():
+        return None
+    return loaded
+
+
+class _Answering(threading.Thread):
+    """Tells ranks that have ended whether this one goes on, or waits for others."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self._stopped = threading.Event()
+
+    def stop(self) -> None:
+        """End the thread: MPI_Finalize must find no other call of MPI."""
+        self._stopped.set()
+        self.join()
+
+    def run(self) -> None:
+        """Answer all ranks that have ended, until this one ends."""
+        from gossamer_fx.core.checks.waiting import MainThread
+
+        main_thread = MainThread()
+        while not self._stopped.wait(BEAT):
+            mpi = _running_mpi()
+            if mpi is None or mpi.Query_thread() != mpi.THREAD_MULTIPLE:
+                continue
+            comm = mpi.COMM_WORLD
+            if not comm.iprobe(mpi.ANY_SOURCE, ENDED_TAG):
+                continue
+            tag = WAITS_TAG if main_thread.waits_for_ranks() else GOES_ON_TAG
+            for r in range(comm.size):
+                # The message stays: the main thread asks for it, too.
+                if r != comm.rank and comm.iprobe(r, ENDED_TAG):
+                    comm.Isend((None, 0, mpi.BYTE), r, tag)
 
 
 def _leave(code: object) -> None:
-    """Say to the other ranks that this one ends with an exit code, and wait for them unless it is
-    zero."""
-    # A program without MPI does not load it for its end.
-    loaded = sys.modules.get("mpi4py.MPI")
-    if loaded is None or not loaded.Is_initialized() or loaded.Is_finalized():
+    """Say to the other ranks that this one ends with an exit code, and wait for them."""
+    mpi = _running_mpi()
+    if mpi is None:
         return
-    comm = loaded.COMM_WORLD
-    awaited = {r for r in range(comm.size) if r != comm.rank}
-    for r in awaited:
-        comm.isend(None, r, ENDED_TAG)
-    if code is None or code == 0:
-        return
+    comm = mpi.COMM_WORLD
+    for r in range(comm.size):
+        if r != comm.rank:
+            comm.isend(None, r, ENDED_TAG)
+    if code is not None and code != 0:
+        _wait_after_failure(comm, code)
+    elif mpi.Query_thread() == mpi.THREAD_MULTIPLE:
+        _wait_as_long_as_others_go_on(mpi)
+
+
+def _going(comm: MPI.Intracomm) -> set[int]:
+    """The other ranks that have not ended; a rank with an error ends all by itself."""
+    others = (r for r in range(comm.size) if r != comm.rank)
+    return {r for r in others if not (comm.iprobe(r, ENDED_TAG) or comm.iprobe(r, TAG))}
+
+
+def _wait_after_failure(comm: MPI.Intracomm, code: object) -> None:
+    """Wait for the others for `PATIENCE` seconds, then end them."""
     deadline = time.monotonic() + PATIENCE
-    while awaited:
-        # A rank with an error ends all by itself.
-        awaited = {r for r in awaited if not (comm.iprobe(r, ENDED_TAG) or comm.iprobe(r, TAG))}
-        if awaited and time.monotonic() > deadline:
+    while _going(comm):
+        if time.monotonic() > deadline:
             # Python prints a word in place of a number.
             number = code if isinstance(code, int) else 1
-            sys.stderr.write(
-                f"gossamer: rank {comm.rank} has ended alone by sys.exit({code!r}), and the others "
-                "with it; let all ranks exit, or raise an error there.\n"
-            )
-            sys.stderr.flush()
-            comm.Abort(number)
+            _end_others(comm, f"by sys.exit({code!r}), and the others", number)
         time.sleep(1e-3)
+
+
+def _wait_as_long_as_others_go_on(mpi: Any) -> None:
+    """Wait for the others; end them if all that remain wait for others for `PATIENCE` seconds."""
+    from gossamer_fx.core.checks.waiting import has_waited, uses_of_ranks
+
+    comm = mpi.COMM_WORLD
+    looks_in_vain = 0
+    uses = uses_of_ranks()
+    while _going(comm):
+        deadline = time.monotonic() + PATIENCE / LOOKS
+        while time.monotonic() < deadline and _going(comm):
+            time.sleep(BEAT / 20)
+        before = uses
+        uses = uses_of_ranks()
+        waiting = _answers(mpi, WAITS_TAG)
+        silent = _going(comm) - waiting
+        # Some do not answer in a library that lets no other thread go on.
+        known = silent <= before.keys() & uses.keys()
+        in_vain = known and all(has_waited(before[r], uses[r]) for r in silent)
+        looks_in_vain += 1
+        if _answers(mpi, GOES_ON_TAG) or not in_vain:
+            looks_in_vain = 0
+        if looks_in_vain >= LOOKS and _going(comm):
+            how = "at the end of its script or by sys.exit, and the others, which wait for it,"
+            _end_others(comm, how, 1)
+
+
+def _end_others(comm: MPI.Intracomm, how: str, code: int) -> None:
+    """Say how this rank has ended, and end all."""
+    sys.stderr.write(
+        f"gossamer: rank {comm.rank} has ended alone {how} with it; let all ranks exit, or raise "
+        "an error there.\n"
+    )
+    sys.stderr.flush()
+    comm.Abort(code)
+
+
+def _answers(mpi: Any, tag: int) -> set[int]:
+    """The ranks whose answers of a kind have arrived."""
+    comm = mpi.COMM_WORLD
+    ranks = set()
+    status = mpi.Status()
+    while comm.iprobe(mpi.ANY_SOURCE, tag, status):
+        comm.Recv((None, 0, mpi.BYTE), status.Get_source(), tag)
+        ranks.add(status.Get_source())
+    return ranks
 
 
 # mpirun passes SIGUSR1 and SIGUSR2 on to its ranks; after the other two it kills them before a long

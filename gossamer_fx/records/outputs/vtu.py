@@ -27,7 +27,7 @@ import numpy as np
 from dolfinx import fem
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
 from gossamer_fx.records.fields.body_shape import At
@@ -271,26 +271,31 @@ class VTU:
 def _check_listed(path: Path, entries: list[Entry]) -> None:
     """Raise `InputError` if a PVD file lists a file that does not exist, or one twice: a list may
     be much longer than all files together."""
-    # First, and on texts: paths of a million entries take half a minute.
+    # Sentences are written for what is wrong only: a million take half a minute.
     listed: set[str] = set()
-    for entry in entries:
-        check(
-            entry.file not in listed,
-            f"'{path}' lists '{entry.file}' twice; write the run again.",
-        )
-        listed.add(entry.file)
     names_in: dict[str, set[str]] = {}
     for entry in entries:
-        folder, _, name = str(entry.file).rpartition("/")
+        if entry.file in listed:
+            raise InputError(f"'{path}' lists '{entry.file}' twice; write the run again.")
+        listed.add(entry.file)
+        folder, _, name = entry.file.rpartition("/")
         if folder not in names_in:
-            names_in[folder] = set()
-            if (path.parent / folder).is_dir():
-                names_in[folder] = set(os.listdir(path.parent / folder))
-        check(
-            name in names_in[folder],
-            f"'{path.parent / entry.file}' is missing; put back a copy of it, or write the run "
-            "again.",
-        )
+            # A file has any number of names, e.g. a/./b, and each folder is listed once.
+            check(
+                folder in ("", os.path.normpath(folder)),
+                f"'{path}' names '{entry.file}' as no run does; write the run again.",
+            )
+            names_in[folder] = _names_in(path.parent / folder)
+        if name not in names_in[folder]:
+            raise InputError(
+                f"'{path.parent / entry.file}' is missing; put back a copy of it, or write the "
+                "run again."
+            )
+
+
+def _names_in(folder: Path) -> set[str]:
+    """Names of the files in a folder; none if there is no such folder."""
+    return set(os.listdir(folder)) if folder.is_dir() else set()
 
 
 def _file_name(record: int, rank: int) -> str:
@@ -314,14 +319,21 @@ class FieldRecords:
     """Records of a body on one mesh: those of a run until it was restarted.
 
     Attributes:
+        folder: in which the names of files begin.
         meshes: files of the stress-free mesh, one for each rank of the run.
         times: of the records [s].
-        files: of each record, one for each mesh.
+        names: of the files of each record, one for each mesh: texts, as a million paths take
+            seconds.
     """
 
+    folder: Path
     meshes: list[Path]
     times: list[float]
-    files: list[list[Path]]
+    names: list[list[str]]
+
+    def files(self, record: int) -> list[Path]:
+        """The files of a record."""
+        return [self.folder / name for name in self.names[record]]
 
 
 def read_records(path: Path, folder: Path | None = None) -> list[FieldRecords]:
@@ -333,21 +345,27 @@ def read_records(path: Path, folder: Path | None = None) -> list[FieldRecords]:
     Raises:
         InputError: it cannot be read, or lists files that do not exist, or one twice.
     """
-    files_of_time: dict[float, list[Path]] = {}
+    names_of_time: dict[float, list[str]] = {}
     entries = read_pvd(path, folder)
     _check_listed(path, entries)
     for entry in entries:
-        files_of_time.setdefault(entry.time, []).append(path.parent / entry.file)
-    check(bool(files_of_time), f"'{path}' lists no files; let the run make a record.")
+        names_of_time.setdefault(entry.time, []).append(entry.file)
+    check(bool(names_of_time), f"'{path}' lists no files; let the run make a record.")
+    names_in: dict[str, set[str]] = {}
     found: list[FieldRecords] = []
-    for time, files in sorted(files_of_time.items()):
-        meshes = [file.with_name(f"mesh_{file.name}") for file in files]
-        if meshes[0].is_file():
-            found.append(FieldRecords(meshes, [], []))
-        check(
-            bool(found) and len(found[-1].meshes) == len(files),
-            f"'{meshes[0]}' is missing; put back a copy of it, or write the run again.",
-        )
+    for time, names in sorted(names_of_time.items()):
+        parent, slash, name = names[0].rpartition("/")
+        if parent not in names_in:
+            names_in[parent] = _names_in(path.parent / parent)
+        if f"mesh_{name}" in names_in[parent]:
+            files = [path.parent / file for file in names]
+            meshes = [file.with_name(f"mesh_{file.name}") for file in files]
+            found.append(FieldRecords(path.parent, meshes, [], []))
+        if not found or len(found[-1].meshes) != len(names):
+            raise InputError(
+                f"'{path.parent / parent}{slash}mesh_{name}' is missing; put back a copy of it, "
+                "or write the run again."
+            )
         found[-1].times.append(time)
-        found[-1].files.append(files)
+        found[-1].names.append(names)
     return found

@@ -641,7 +641,7 @@ class RecordedMesh:
     def grid(self, step: int) -> Grid:
         """The shares of all ranks at a step as one grid, with names as in the files."""
         if step != self._step:
-            files = self._records.files[step]
+            files = self._records.files(step)
             grid = _joined([read_vtu(path, self._run) for path in files])
             check(
                 len(grid.points) == len(self.X) and len(grid.cells) == self._cells,
@@ -658,7 +658,7 @@ class RecordedMesh:
         name = with_unit(field)
         check(
             name in grid.arrays or name in grid.cell_arrays,
-            f"'{self._records.files[step][0]}' is damaged: its field {field!r} cannot be read; "
+            f"'{self._records.files(step)[0]}' is damaged: its field {field!r} cannot be read; "
             "write the run again.",
         )
         if name in grid.arrays:
