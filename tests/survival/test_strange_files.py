@@ -400,7 +400,7 @@ def test_hundreds_of_probes_share_panels() -> None:
     assert len(curve_panels._in_bands(panels["300 probes [m]"])) == 3
     units = {f"p{i} [{i}]": {"": values} for i in range(300)}
     panels = curve_panels._few(units)
-    assert len(panels) == 25 and sum(map(len, panels.values())) == 300
+    assert len(panels) == 9 and sum(map(len, panels.values())) == 300
 
 
 @pytest.mark.parametrize("file", ["film_files/../../a.vtu", "/a.vtu", "..", "film_files/none.vtu"])

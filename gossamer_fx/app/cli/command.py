@@ -58,6 +58,10 @@ def main(words: Sequence[str]) -> int:
         SystemExit: after `--help`, or with the code 2 for words that it does not know.
         Exception: with `--debug` every error as it is; else those that are not of the package.
     """
+    from gossamer_fx.core.checks.ctrl_c import usual_ctrl_c
+
+    if words[:1] in (["demo"], ["validate"]):
+        usual_ctrl_c()
     if words[:1] == ["demo"]:  # its options are its own
         from gossamer_fx.app.cli.demo import main as run_demo
 
@@ -102,12 +106,8 @@ def main(words: Sequence[str]) -> int:
 
 def _on_this_rank(wanted: argparse.Namespace) -> int:
     """Run a command in this process; returns its exit code, see `main`."""
-    from gossamer_fx.core.checks.ending import (
-        abort_on_lone_error,
-        lacks_room,
-        no_room,
-        raise_ctrl_c,
-    )
+    from gossamer_fx.core.checks.ctrl_c import STOPPED, raise_at_ctrl_c
+    from gossamer_fx.core.checks.ending import abort_on_lone_error, lacks_room, no_room
 
     try:
         from mpi4py import MPI
@@ -131,15 +131,10 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
         return 1
 
     comm = MPI.COMM_WORLD
-    if comm.size > 1:
-        # The launcher hands Ctrl-C on as this signal.
-        signal.signal(signal.SIGUSR2, raise_ctrl_c)
-    # A shell lets what it starts in the background ignore Ctrl-C.
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, raise_ctrl_c)
     if _ranks_are_alone(comm):
         return 1
     try:
+        raise_at_ctrl_c()
         # An error on one rank alone would leave the others waiting.
         with abort_on_lone_error(comm):
             ranks = getattr(wanted, "ranks", 1)
@@ -158,7 +153,7 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
         return 2 if isinstance(error, InputError) else 1
     # Ctrl-C before or after the steps of a run, which end by themselves.
     except KeyboardInterrupt:
-        end_program(comm, "stopped by Ctrl-C; nothing is left to go on from.", 130)
+        end_program(comm, STOPPED, 130)
     # These may happen on one rank only, so that the program is ended on all of them.
     except (MemoryError, OSError, ImportError) as error:
         if wanted.debug:

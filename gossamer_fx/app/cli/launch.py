@@ -286,6 +286,13 @@ def launch(ranks: int, program: Sequence[str]) -> int:
             file=sys.stderr,
             flush=True,
         )
+    if code and heard and not messages.is_explained:
+        print(
+            f"gossamer: the ranks have ended by {signal.Signals(heard[-1]).name}; go on from the "
+            "last checkpoint, if there is one, with --restart.",
+            file=sys.stderr,
+            flush=True,
+        )
     if code < 0:
         return 128 - code
     if heard and code:

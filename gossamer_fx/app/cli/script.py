@@ -10,12 +10,14 @@ import runpy
 import sys
 from pathlib import Path
 
+from gossamer_fx.core.checks.ctrl_c import usual_ctrl_c
 from gossamer_fx.core.checks.door import import_from
 
 # The words before the file.
 BEHIND_THE_DOOR = ("-P", "-m", "gossamer_fx.app.cli.script")
 
 if __name__ == "__main__":
+    usual_ctrl_c()
     program = Path(sys.argv[1])
     sys.argv = sys.argv[1:]
     if not program.is_dir():

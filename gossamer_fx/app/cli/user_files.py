@@ -13,8 +13,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from gossamer_fx.core.checks.ctrl_c import CtrlC
 from gossamer_fx.core.checks.door import import_from
-from gossamer_fx.core.checks.ending import CtrlC, Interrupted, lacks_room
+from gossamer_fx.core.checks.ending import Interrupted, lacks_room
 from gossamer_fx.core.checks.errors import (
     InputError,
     NoEquilibrium,

@@ -31,6 +31,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from gossamer_fx.core.checks.ctrl_c import loading
+
 # MiB of addresses that MPI, PETSc, dolfinx and NumPy take at their start: 581 on Debian 13; and
 # NumPy alone, of which 128 are the buffer of OpenBLAS.  Where there are fewer, MPI and PETSc break
 # off and OpenBLAS waits for ever.
@@ -135,6 +137,8 @@ _GUARDED: dict[str, tuple[Callable[[ModuleType], None], Callable[[ModuleType], N
     # slepc4py takes the function of petsc4py.
     "petsc4py.lib": (_nothing, _find_build_elsewhere),
     "petsc4py.PETSc": (_start_petsc, _nothing),
+    # Its __init__ takes any exception for one of its own.
+    "dolfinx": (_nothing, _nothing),
     "dolfinx.jit": (_nothing, _read_options),
     "ffcx.options": (_nothing, _read_options),
     "matplotlib": (_nothing, _nothing),
@@ -177,7 +181,7 @@ class _GuardedLoader(Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Execute the module."""
-        with _elsewhere():
+        with _elsewhere(), loading():
             self._before(module)
             self._loader.exec_module(module)
             self._after(module)

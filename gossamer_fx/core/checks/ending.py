@@ -25,6 +25,8 @@ from contextlib import contextmanager
 from types import CodeType, FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
 
+from gossamer_fx.core.checks.ctrl_c import EXIT_CODE_OFFSET, CtrlC
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -55,16 +57,6 @@ _TOOLS = (3, 4)
 
 # Environment variables in which launchers of Open MPI, MPICH and Intel MPI set the number of ranks.
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
-
-
-class CtrlC(KeyboardInterrupt):
-    """Ctrl-C, as a signal that all ranks get; a function of the user that raises KeyboardInterrupt
-    does so on its own rank."""
-
-
-def raise_ctrl_c(number: int, frame: FrameType | None) -> None:
-    """Handler of the signals by which Ctrl-C comes."""
-    raise CtrlC
 
 
 def lacks_room(error: BaseException) -> bool:
@@ -341,9 +333,6 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2)
 # Environment variable with the name of a file that exists once the launcher has got a SIGTERM, and
 # has handed it on as SIGUSR1.
 TERMINATED = "GOSSAMER_TERMINATED"
-
-# The exit code of a program that a signal ends is this number plus that of the signal.
-EXIT_CODE_OFFSET = 128
 
 
 class Interrupted(SystemExit):

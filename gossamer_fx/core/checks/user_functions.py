@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.ending import PATIENCE, CtrlC
+from gossamer_fx.core.checks.ctrl_c import CtrlC
+from gossamer_fx.core.checks.ending import PATIENCE
 from gossamer_fx.core.checks.errors import LARGEST, InputError, real_numbers, wait_for_others
 
 # Relative difference between the values of two ranks that counts as round-off.

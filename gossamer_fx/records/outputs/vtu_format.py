@@ -28,7 +28,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.errors import InputError, are_usual_sizes, check
+from gossamer_fx.core.checks.errors import InputError, are_usual_sizes
 from gossamer_fx.core.checks.strange_files import (
     check_expansion,
     open_file,

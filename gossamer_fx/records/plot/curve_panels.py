@@ -47,6 +47,7 @@ _UNIT = re.compile(r"\[([^]]*)\]$")  # at the end of a probe's name
 _SCALED_UNITS = ("m", "m/s", "N", "Pa", "J", "W", "Hz")  # of probes, that get a prefix
 _NUMBER = re.compile(r"[\s_-]*\d+")  # that tells one part of a family from the others
 _MAX_PROBE_PANELS = 24  # each takes a third of a second
+_MAX_SHARED_PANELS = 8  # of more probes than these panels hold
 _FAMILY = 3  # least number of parts, whose names differ in a number, that become a band
 _BAND = ("largest of ", "mean of ", "least of ")  # before the number and name of the parts
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
@@ -199,7 +200,7 @@ def _few(panels: dict[str, Tables]) -> dict[str, Tables]:
     for title, curves in panels.items():
         found = _UNIT.search(title)
         unit = f" [{found[1]}]" if found else ""
-        if unit not in of_unit and len(of_unit) >= _MAX_PROBE_PANELS:
+        if unit not in of_unit and len(of_unit) >= _MAX_SHARED_PANELS:
             unit = " of other units"
         names = {f"{title} {name}".strip(): values for name, values in curves.items()}
         of_unit.setdefault(unit, {}).update(names)
