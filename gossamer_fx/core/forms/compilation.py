@@ -339,17 +339,25 @@ def _shared_lock(comm: MPI.Intracomm) -> AbstractContextManager[Any]:
 
 
 @contextmanager
-def _lock(kind: int) -> Iterator[Path]:
-    """Lock the cache folder: `fcntl.LOCK_SH` shared, `fcntl.LOCK_EX` exclusive."""
+def _lock(kind: int) -> Iterator[Path | None]:
+    """Lock the cache folder: `fcntl.LOCK_SH` shared, `fcntl.LOCK_EX` exclusive; None on a file
+    system that has no locks, as some network file systems."""
     folder = private_cache()
+    is_locked = True
     with (folder / "lock").open("w") as file:
-        fcntl.flock(file, kind)
-        yield folder
+        try:
+            fcntl.flock(file, kind)
+        except OSError:
+            is_locked = False
+        yield folder if is_locked else None
 
 
 def _remove_unfinished() -> None:
     """Remove C sources from the cache whose compilation was not finished."""
     with _lock(fcntl.LOCK_EX) as folder:
+        # Without a lock another process may be compiling them.
+        if folder is None:
+            return
         for source in folder.glob("libffcx_*.c"):
             if not source.with_suffix(".c.cached").exists():
                 source.unlink()
