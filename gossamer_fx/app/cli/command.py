@@ -129,6 +129,9 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
             words = no_room(error)
         print(f"gossamer: {words}", file=sys.stderr)
         return 1
+    except OSError as error:
+        print(f"gossamer: {error}", file=sys.stderr)
+        return 1
 
     comm = MPI.COMM_WORLD
     if _ranks_are_alone(comm):

@@ -26,6 +26,7 @@ from types import FrameType
 from typing import BinaryIO, cast
 
 from gossamer_fx.app.cli.script import BEHIND_THE_DOOR
+from gossamer_fx.core.checks.door import check_temporary_folder
 from gossamer_fx.core.checks.ending import TERMINATED, end_with_parent
 
 # Open MPI puts each of its messages between two lines of dashes.
@@ -240,6 +241,11 @@ def launch(ranks: int, program: Sequence[str]) -> int:
             f"{ranks} ranks need; install the MPI of mpi4py, or activate its environment.",
             file=sys.stderr,
         )
+        return 1
+    try:
+        check_temporary_folder()
+    except OSError as error:
+        print(f"gossamer: {error}", file=sys.stderr)
         return 1
     # A terminal sends Ctrl-C to all processes of the group: mpirun has a separate one, which cannot
     # read from the terminal.

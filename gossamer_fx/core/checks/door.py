@@ -39,6 +39,9 @@ from gossamer_fx.core.checks.ctrl_c import loading
 _ROOM_FOR_LIBRARIES = 576
 _ROOM_FOR_NUMPY = 256
 
+# Variables that name the folder in which Open MPI writes files, the first one that is set.
+_TEMPORARY = ("TMPDIR", "TEMP", "TMP")
+
 # Rows of a matrix whose products need the buffer: OpenBLAS multiplies smaller ones without.
 _NEEDS_BUFFER = 128
 
@@ -103,6 +106,21 @@ def _check_room(module: ModuleType, needed: int = _ROOM_FOR_LIBRARIES) -> None:
         raise MemoryError(f"libraries need {needed} MiB") from error
 
 
+def check_temporary_folder() -> None:
+    """Raise `OSError` if MPI cannot write its files: it breaks off in libraries then."""
+    folder = next((os.environ[name] for name in _TEMPORARY if os.environ.get(name)), "/tmp")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OSError(
+            f"MPI cannot write files in '{folder}'; set TMPDIR to a folder that can be written."
+        )
+
+
+def _check_start_of_mpi(module: ModuleType) -> None:
+    """Raise `MemoryError` or `OSError` where MPI would break off."""
+    check_temporary_folder()
+    _check_room(module)
+
+
 def _limit_blas(module: ModuleType) -> None:
     """Let OpenBLAS have one thread where the memory of a process is limited, unless the user says
     how many: each thread has a buffer.
@@ -131,7 +149,7 @@ def _nothing(module: ModuleType) -> None:
 # What is done before and after each of these modules is executed.
 _GUARDED: dict[str, tuple[Callable[[ModuleType], None], Callable[[ModuleType], None]]] = {
     # Both load the library of MPI, which loads UCX.
-    "mpi4py.MPI": (_check_room, _nothing),
+    "mpi4py.MPI": (_check_start_of_mpi, _nothing),
     "gmsh": (_nothing, _nothing),
     "numpy": (_limit_blas, _take_buffer_of_blas),
     # slepc4py takes the function of petsc4py.

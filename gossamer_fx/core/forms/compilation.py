@@ -36,7 +36,7 @@ from ufl.corealg.multifunction import MultiFunction
 from ufl.utils.sorting import canonicalize_metadata, sorted_by_count
 from ufl.variable import Label
 
-from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.forms.backend import loaded_kernel
 
 # Kernels that this process has loaded, by `_KernelKey.digest`.  They contain no mesh and no
@@ -303,7 +303,8 @@ def private_cache() -> Path:
     Kernels are machine code that is executed.  Looked at once for each process, on one rank.
 
     Raises:
-        InputError: the folder or a file in it belongs to another user, or others may write it.
+        InputError: the folder cannot be made, or it or a file in it belongs to another user, or
+            others may write it.
     """
     folder = Path(kernel_options()["cache_dir"])
     _require_private(folder)
@@ -313,7 +314,13 @@ def private_cache() -> Path:
 @cache
 def _require_private(folder: Path) -> None:
     """Make a folder, and refuse one in which others can put code."""
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"The folder '{folder}' for compiled laws cannot be made ({error.strerror}); set "
+            "XDG_CACHE_HOME to a folder that can be written."
+        ) from error
     writable_by_others = stat.S_IWGRP | stat.S_IWOTH
     # Files in a folder that others cannot enter are safe whatever their mode.
     is_open = bool(folder.stat().st_mode & (stat.S_IXGRP | stat.S_IXOTH))
