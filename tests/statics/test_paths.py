@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -505,3 +507,21 @@ def test_contact_is_refused(comm):
     )
     with pytest.raises(gx.InputError, match="path: the scene has contact"):
         gx.analysis.path(gx.Equilibrium(scene), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("probe", "words"),
+    [(lambda run: math.nan, "nan"), (lambda run: "x", "'x'"), (lambda run: 1 / 0, "ZeroDivision")],
+)
+def test_probes_of_a_path_are_guarded_as_those_of_a_run(
+    probe: Callable[[Any], Any], words: str
+) -> None:
+    ball = gx.PointMass(1.0, (0.0, 0.0, 0.1), name="ball")
+    ends = {"left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "side": (0.0, 5.0, 0.1)}
+    springs = [
+        gx.connectors.Spring(ball.port(), gx.Ground(end), stiffness=1e3, length=0.9, name=name)
+        for name, end in ends.items()
+    ]
+    scene = gx.Scene(*springs, gx.loads.Force(ball.port(), force=lambda t: (0.0, 0.0, -4.0 * t)))
+    with pytest.raises(gx.InputError, match=f"'height'.*{words}"):
+        gx.analysis.path(gx.Equilibrium(scene), 1.0, probes={"height": probe})

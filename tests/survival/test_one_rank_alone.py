@@ -20,6 +20,9 @@ PLACES = ("probe", "load", "output", "file", "build")
 ENDS = ("exit", "ctrl-c", "os-exit", "abort")
 USUAL = {("probe", "exit"), ("load", "os-exit")}
 
+# Of a rank that exits with the code zero.
+WAIT_FOR_IT = "at the end of its script or by sys.exit, and the others, which wait for it, with it;"
+
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts ranks")
 
 
@@ -91,6 +94,8 @@ def test_a_time_without_progress_is_positive(tmp_path: Path, word: str) -> None:
         ("alone", "gossamer: rank 1 has ended alone by sys.exit(3), and the others with it;"),
         ("raised", "gossamer: rank 1 has ended alone by sys.exit('a word'), and the others"),
         ("error", "gossamer: rank 1 failed alone by ValueError (a word) in the lines above;"),
+        ("zero", WAIT_FOR_IT),
+        ("zero in a library", WAIT_FOR_IT),
     ],
 )
 def test_a_rank_of_a_script_that_ends_alone_ends_all(how: str, words: str) -> None:
@@ -104,3 +109,10 @@ def test_ranks_of_a_script_may_exit_with_different_codes(how: str) -> None:
     done = complete_module("exiting_script", how, ranks=2)
     assert "gossamer: " not in done.stderr, done.stderr
     assert (done.returncode == 0) == (how == "caught")
+
+
+def test_a_rank_goes_on_alone_after_the_others_have_exited() -> None:
+    done = complete_module("exiting_script", "goes on", ranks=2)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "has gone on\n"
+    assert "gossamer: " not in done.stderr, done.stderr

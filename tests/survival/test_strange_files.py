@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import errno
+import fcntl
 import io
 import json
 import os
@@ -25,6 +26,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.checks.strange_files import LARGEST_EXPANSION, open_file, write_new
+from gossamer_fx.core.forms import compilation
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.outputs.vtu_format import Entry, Grid, read_vtu, write_pvd, write_vtu
 from gossamer_fx.records.plot import curve_panels
@@ -206,6 +208,34 @@ def test_a_file_system_that_refuses_locks_is_written(
     assert (tmp_path / "mine").read_text() == "mine"
 
 
+def test_laws_are_compiled_where_the_cache_has_no_locks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*given: Any) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(compilation, "kernel_options", lambda: {"cache_dir": tmp_path / "kernels"})
+    with compilation._lock(fcntl.LOCK_SH) as folder:
+        assert folder == tmp_path / "kernels"
+    unfinished = tmp_path / "kernels" / "libffcx_x.c"
+    unfinished.touch()
+    monkeypatch.setattr("fcntl.flock", refuse)
+    with compilation._lock(fcntl.LOCK_SH) as folder:
+        assert folder is None
+    # Of another process, maybe.
+    compilation._remove_unfinished()
+    assert unfinished.exists()
+
+
+def test_a_cache_that_cannot_be_made_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(compilation, "kernel_options", lambda: {"cache_dir": tmp_path / "file/x"})
+    with pytest.raises(gx.InputError, match=r"cannot be made .*; set XDG_CACHE_HOME"):
+        compilation.private_cache()
+
+
 # ---- sizes ---------------------------------------------------------------------------------------
 
 
@@ -266,6 +296,15 @@ def test_a_list_longer_than_its_files_is_refused(run: Path, tmp_path: Path) -> N
     entries = [Entry(float(k), 0, f"film x_files/{k + 10}.vtu") for k in range(100_000)]
     write_pvd(run / "fields/film x.pvd", entries)
     assert "is missing" in look(run, tmp_path / "out")["report"]
+
+
+@pytest.mark.parametrize("way", ["./film x_files", "film x_files/.", "film x_files//."])
+def test_a_file_has_one_name_in_a_list(run: Path, tmp_path: Path, way: str) -> None:
+    """Each folder is listed once, and a file has any number of names."""
+    entries = [Entry(0.0, 0, "film x_files/00000.vtu"), Entry(1.0, 0, f"{way}/00000.vtu")]
+    write_pvd(run / "fields/film x.pvd", entries)
+    said = look(run, tmp_path / "out")["report"]
+    assert f"names '{way}/00000.vtu' as no run does" in said, said
 
 
 def altered(saves: Path, change: Callable[[dict[str, Any], Path], None]) -> None:

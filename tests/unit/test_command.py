@@ -334,3 +334,20 @@ def test_an_argument_that_is_given_twice_is_refused(
     scene.write_text("def build(comm, mass=1.0):\n    raise RuntimeError(mass)\n")
     assert main(["run", str(scene), "mass=2", "mass=3", "--dry-run"]) == 2
     assert "mass is given 2 times" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("word", ["-----1", "--=", "-\u00e9", "--restart=-----1"])
+def test_an_unknown_word_is_refused_in_a_sentence(
+    word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["plot", "run", word])
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and said.count("\n") == 1 and said.startswith("gossamer: ")
+
+
+@pytest.mark.parametrize(
+    "text", ["{[]: 1}", "{{}: 1}", "1_", "(" * 1000, "1" * 5000, "\x00"], ids=range(6)
+)
+def test_what_python_does_not_read_is_a_word(text: str) -> None:
+    assert option(f"name={text}") == ("name", text)

@@ -13,6 +13,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.build.patterns import drawings
 from gossamer_fx.mechanics.bodies.edge_lines import edge_line
 
 ezdxf = pytest.importorskip("ezdxf")
@@ -134,6 +135,27 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
     COMM.barrier()
     refused(text, "cannot be read as DXF")
     refused(text, "size must be > 0|size is", size=-1.0)
+
+
+@pytest.mark.parametrize("damage", ["", "x", "-1", "1e308", "330"])
+def test_a_damaged_line_of_a_drawing_is_a_drawing_or_a_sentence(
+    tmp_path: Path, damage: str
+) -> None:
+    """ezdxf raises errors of many kinds, some only when an entity is asked for its points."""
+    path = drawing(tmp_path / "sound.dxf", two_panels)
+    lines = path.read_text().split("\n")
+    first = lines.index("ENTITIES")
+    last = lines.index("ENDSEC", first)
+    refused = 0
+    for number in range(first, last):
+        damaged = tmp_path / "damaged.dxf"
+        damaged.write_text("\n".join([*lines[:number], damage, *lines[number + 1 :]]))
+        try:
+            drawings.panels_of(drawings._read(damaged, 1.0), str(damaged))
+        except gx.InputError as error:
+            assert "\n" not in str(error)
+            refused += 1
+    assert refused
 
 
 def test_without_ezdxf_a_sentence_says_what_to_install(

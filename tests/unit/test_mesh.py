@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -452,3 +453,29 @@ def test_sizes_that_no_mesh_can_have_are_refused_by_name(generator, wrong):
     given = dict(GENERATORS)[generator]
     with pytest.raises(InputError, match=rf"\b{name} (is|has) .*; give"):
         generator(MPI.COMM_SELF, **given | wrong)
+
+
+@pytest.mark.parametrize("damaged", [0, 2])
+def test_triangles_that_gmsh_leaves_out_are_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, damaged: int
+) -> None:
+    corners = [("0 0 0", "1 0 0", "0 1 0"), ("1 0 0", "1 1 0", "0 1 0")]
+    corners += [("0 0 0", "1 0 0", "1 0 0"), ("1 1 0", "1 1 0", "0 1 0")][:damaged]
+    facets = [
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join(f"vertex {corner}\n" for corner in of_one)
+        + "endloop\nendfacet\n"
+        for of_one in corners
+    ]
+    (tmp_path / "a.stl").write_text(f"solid a\n{''.join(facets)}endsolid a\n")
+
+    def build(model: Any) -> None:
+        import gmsh
+
+        gmsh.merge(str(tmp_path / "a.stl"))
+
+    with caplog.at_level("WARNING", logger="gossamer_fx"):
+        gx.gmsh_mesh(build, MPI.COMM_SELF)
+    told = [record.getMessage() for record in caplog.records if "left out" in record.getMessage()]
+    assert len(told) == (damaged > 0)
+    assert not told or f"left out {damaged} triangles" in told[0]

@@ -184,6 +184,16 @@ def test_only_the_token_opens_and_no_file_is_sent(
         assert found == 404, path
 
 
+@pytest.mark.parametrize("target", ["http://[", "//[", "http://[::1", "/\\x00", "*", "%"])
+def test_what_is_no_address_is_refused(watch: gx.plot.Watch, target: str) -> None:
+    """Python's reader of addresses raises an error for some."""
+    port = int(watch.address.split(":")[2].split("/")[0])
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall(f"GET {target} HTTP/1.0\r\n\r\n".encode())
+        answer = connection.makefile("rb").read()
+    assert answer.split()[1] in (b"400", b"403", b"404"), answer
+
+
 def test_a_link_out_of_the_folder_is_refused(fall: Fall, watch: gx.plot.Watch) -> None:
     outside = fall.folder.parent / "secret.csv"
     shutil.copy(fall.folder / "points.csv", outside)
