@@ -49,7 +49,7 @@ def test_a_command_is_stopped_while_a_module_is_loaded(tmp_path: Path, module: s
 
 
 def test_a_library_is_loaded_to_its_end() -> None:
-    """As dolfinx takes whatever is raised within it for an error of its own."""
+    """As dolfinx catches whatever is raised within it."""
     loaded = []
     with pytest.raises(ctrl_c.CtrlC), ctrl_c.loading():
         with ctrl_c.loading():

@@ -425,6 +425,12 @@ def test_a_summary_is_a_text(run: Path, tmp_path: Path, summary: Any) -> None:
     assert "'summary' is" in look(run, tmp_path / "out")["report"]
 
 
+def test_a_table_has_a_largest_number_of_columns(run: Path, tmp_path: Path) -> None:
+    (run / "ledger.csv").write_text(",".join(f"x{k}" for k in range(300_001)) + "\n")
+    said = look(run, tmp_path / "out")["report"]
+    assert "it has 300001 columns, more than 300000" in said, said
+
+
 def test_hundreds_of_probes_share_panels() -> None:
     """Each panel takes a third of a second, so that 300 took minutes."""
     values = np.linspace(0.0, 1.0, 3)

@@ -54,7 +54,7 @@ def usual_ctrl_c() -> None:
 @contextmanager
 def loading() -> Iterator[None]:
     """Context in which a library is loaded: Ctrl-C within it is raised at its end, as a library
-    may take it for an error of its own."""
+    may catch it."""
     global _loading, _has_come
     _loading += 1
     try:

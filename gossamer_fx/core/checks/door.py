@@ -155,7 +155,7 @@ _GUARDED: dict[str, tuple[Callable[[ModuleType], None], Callable[[ModuleType], N
     # slepc4py takes the function of petsc4py.
     "petsc4py.lib": (_nothing, _find_build_elsewhere),
     "petsc4py.PETSc": (_start_petsc, _nothing),
-    # Its __init__ takes any exception for one of its own.
+    # Its __init__ catches any exception.
     "dolfinx": (_nothing, _nothing),
     "dolfinx.jit": (_nothing, _read_options),
     "ffcx.options": (_nothing, _read_options),

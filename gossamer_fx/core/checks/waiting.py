@@ -94,11 +94,12 @@ class MainThread:
         """Whether the main thread is in the same call of mpi4py as when this was last asked."""
         frame = sys._current_frames().get(threading.main_thread().ident or 0)
         # The object itself is compared, as a later one may have the address of one that is gone.
-        is_same = frame is self._frame and frame is not None
-        is_same = is_same and frame.f_lasti == self._instruction
+        if frame is None:
+            return False
+        is_same = frame is self._frame and frame.f_lasti == self._instruction
         self._frame = frame
-        self._instruction = -1 if frame is None else frame.f_lasti
-        return frame is not None and is_same and _is_of_mpi4py(_called(frame))
+        self._instruction = frame.f_lasti
+        return is_same and _is_of_mpi4py(_called(frame))
 
 
 def _called(frame: FrameType) -> Any:

@@ -273,7 +273,8 @@ def _with_sum_of_others(curves: Tables, most: int) -> Tables:
     if len(curves) <= most:
         return curves
     largest_first = sorted(curves, key=lambda name: -float(abs(curves[name]).max()))
-    others = largest_first[most - 1 :]
+    # A set, as there may be many.
+    others = set(largest_first[most - 1 :])
     shown = {name: values for name, values in curves.items() if name not in others}
     return shown | {f"{len(others)} others": np.sum([curves[name] for name in others], axis=0)}
 

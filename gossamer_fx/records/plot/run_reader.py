@@ -43,6 +43,8 @@ _REQUIRED = {"ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissip
 # Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of
 # the size.
 _FINE = 12000
+# Columns of a table: 50 000 ropes have six each.
+_MAX_COLUMNS = 300_000
 _TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
 _LINE_PARTS = 6  # numbers of a line in lines.csv: its two ends
 _VECTOR_PARTS = 12  # numbers of a pose in solids.csv: origin and three axes
@@ -208,7 +210,8 @@ class RunReader:
         if not len(values):
             return {}
         table: Tables = dict(zip(head, values.T, strict=True))
-        for column in table:
+        # Column by column only to name the one that is wrong, as there may be many.
+        for column in () if are_usual_sizes(values) else table:
             numbers: Array = table[column]
             # Some results may be unknown at a time, e.g. the tension of a line.
             if not _needs_all_numbers(name, column) and column != self.axis.column:
@@ -529,6 +532,8 @@ def _numbers_of(file: TextIO) -> tuple[list[str], Array]:
     """
     rows = csv.reader(file)
     head = [plain_cell(cell) for cell in next(rows, [])]
+    if len(head) > _MAX_COLUMNS:
+        raise ValueError(f"it has {len(head)} columns, more than {_MAX_COLUMNS}")
     # Numbers only, as the words of all rows would take many times the bytes of the file.
     numbers = array("d")
     incomplete = 0
