@@ -12,7 +12,6 @@ comes before the first step leaves a checkpoint of the start.
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import os
 import signal
@@ -197,11 +196,16 @@ def _watch_exits() -> None:
     answering.start()
 
     def leave() -> None:
+        # Threads of the user may go on with messages.
+        for thread in threading.enumerate():
+            if thread is not threading.main_thread() and not thread.daemon:
+                thread.join()
         answering.stop()
         _leave(codes[-1] if codes else None)
 
-    # Before MPI_Finalize, which waits for all ranks.
-    atexit.register(leave)
+    # Before the functions of atexit, of which PetscFinalize and then MPI_Finalize wait for all
+    # ranks; concurrent.futures ends its threads in this way, too.
+    threading._register_atexit(leave)  # type: ignore[attr-defined]
 
 
 def _running_mpi() -> Any:
