@@ -68,6 +68,7 @@ from .core.model.state import HasSystem as HasSystem
 from .core.model.state import InitialState as InitialState
 from .core.model.state import State as State
 from .core.model.terms import BringsTerms as BringsTerms
+from .core.model.terms import Parameter as Parameter
 from .core.model.terms import RefersToItems as RefersToItems
 from .core.model.terms import Term as Term
 from .core.model.terms import terms_of as terms_of

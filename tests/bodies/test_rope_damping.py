@@ -10,6 +10,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.connectors.spring import rope_damper
+from tests.rows import step_of
 
 # Units: N/m, N s/m, kg, m.
 K = 400.0

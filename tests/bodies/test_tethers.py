@@ -29,7 +29,9 @@ def flying(speed: float, **given) -> tuple[gx.Simulation, gx.PointMass]:
 
 
 def length_of(run: gx.Simulation) -> float:
-    [tether] = [item for item in run.system.items if isinstance(item, gx.connectors.Tether)]
+    [tether] = [
+        item for item in run.system.unknowns.items if isinstance(item, gx.connectors.Tether)
+    ]
     return float(line_forces(run.system, tether, "step").natural_lengths[0])
 
 

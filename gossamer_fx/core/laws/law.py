@@ -141,7 +141,7 @@ class Law:
 
     def of_rows(self, x: Array, *, slopes: bool = True) -> tuple[Array, Array]:
         """Return outputs (n, outputs) and first derivatives (n, outputs, by) of n rows of inputs x
-        (n, inputs), contiguous; without `slopes` the derivatives are empty.
+        (n, inputs); without `slopes` the derivatives are empty.
 
         Example:
             >>> from mpi4py import MPI
@@ -154,7 +154,7 @@ class Law:
         outputs = np.zeros((n, self.output_count))
         shape = (n, self.output_count, len(self.by))
         derivatives = np.zeros(shape if slopes else (0,))
-        self._compute_rows(x, outputs, derivatives)
+        self._compute_rows(np.ascontiguousarray(x), outputs, derivatives)
         self.raise_error()
         return outputs, derivatives
 
