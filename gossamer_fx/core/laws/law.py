@@ -160,18 +160,10 @@ class Law:
 
     def _compute_rows(self, x: Array, outputs: Array, derivatives: Array) -> None:
         """Write outputs, and derivatives unless that array is empty."""
-        ffi = _ffi()
-        function = self._function
         for number, inputs in enumerate(x):
-            slopes = ffi.NULL
+            outputs[number], slopes = self(*map(float, inputs))[:2]
             if derivatives.size:
-                slopes = ffi.from_buffer("double[]", derivatives[number])
-            function(
-                ffi.from_buffer("double[]", inputs),
-                ffi.from_buffer("double[]", outputs[number]),
-                slopes,
-                ffi.NULL,
-            )
+                derivatives[number] = slopes
 
     def raise_error(self) -> None:
         """Raise what the law raised since the last call of this method; C cannot."""

@@ -163,7 +163,8 @@ def hysteresis_of(loading: Corners, unloading: Corners, end: float) -> Hysteresi
 def hysteretic_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
     """Energy and loss of a bar with hysteresis, as a function of ε = ½(λ² - 1); its history is the
     largest strain X so far."""
-    curves = Hysteresis(*(corners_in(numbers, f"{name}_") for name in CURVES), end=numbers.end)
+    corners = {name: corners_in(numbers, f"{name}_") for name in CURVES}
+    curves = Hysteresis(**corners, end=numbers.end)
     λ0 = stretch_of(e0[0])
     λ1 = stretch_of(e1[0])
     [X] = z0

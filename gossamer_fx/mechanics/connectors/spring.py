@@ -19,7 +19,6 @@ from gossamer_fx.mechanics.bodies.frames import Between, LineBetween, bodies_of
 from gossamer_fx.mechanics.terms.rows import (
     AttachedKineticEnergy,
     Response,
-    RowLaw,
     Rows,
     one_sided_average,
     positive_part,
@@ -126,7 +125,7 @@ class LengthConnector(Between):
     stiffness: Stiffness
     length: Length
 
-    law: ClassVar[RowLaw] = staticmethod(length_spring)
+    law: ClassVar[Any] = staticmethod(length_spring)
 
     def terms(self, start: State) -> Iterable[Term]:
         measure = half_distance_squared(self.a, self.b)

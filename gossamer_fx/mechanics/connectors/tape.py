@@ -211,32 +211,29 @@ class Tape(OnBody):
         yield Rows(self.name, measure, function, numbers, variables=variables)
 
 
-def _row_law(
-    law: BarLaw, lengths: Array
-) -> tuple[RowLaw, dict[str, float | Array], dict[str, float]]:
+def _row_law(law: BarLaw, lengths: Array) -> tuple[RowLaw, dict[str, Any], dict[str, float]]:
     """Law, numbers and history variables at the start of bars with natural lengths (n,) [m], as a
     function of the measure e of each, which `Tape.terms` makes: ψ = ½ e² for laws that are
     quadratic in ε, e = ε for others."""
     if _is_green(law):
-        if isinstance(law, TensionOnly):
-            return one_sided, {}, {}
-        return quadratic, {"k": 1.0}, {}
+        return (one_sided, {}, {}) if isinstance(law, TensionOnly) else (quadratic, {"k": 1.0}, {})
     # Imported here: a scene without tables does not load them.
     from gossamer_fx.mechanics.bodies.piecewise_force import linear_corners, tabulated_bar
     from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedCable
 
+    numbers: dict[str, Any] = {"length": lengths}
     if isinstance(law, CableLaw):
-        return tabulated_bar, {"length": lengths} | linear_corners(law).as_numbers(), {}
+        return tabulated_bar, numbers | linear_corners(law).as_numbers(), {}
     check(
         isinstance(law, TabulatedCable),
         f"Tape: the law is a {type(law).__name__}; give a CableLaw, TensionOnly or TabulatedCable.",
     )
     assert isinstance(law, TabulatedCable)
     if not law.has_history:
-        return tabulated_bar, {"length": lengths} | law.corners.as_numbers(), {}
+        return tabulated_bar, numbers | law.corners.as_numbers(), {}
     from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteretic_bar
 
-    return hysteretic_bar, {"length": lengths} | law.hysteresis.as_numbers(), {"largest strain": 0}
+    return hysteretic_bar, numbers | law.hysteresis.as_numbers(), {"largest strain": 0.0}
 
 
 def _is_green(law: BarLaw) -> TypeGuard[CableLaw]:

@@ -37,7 +37,7 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
 from gossamer_fx.mechanics.orbit.optics import (
     Accommodation,
     Air,
-    ArrayMaths,
+    Arrays,
     Surface,
     Symbolic,
     flow_force,
@@ -235,5 +235,5 @@ class _FlowOnFaces(FacesForce):
             how.tangential,
             wall,
             self._two_sided,
-            ArrayMaths,
+            Arrays,
         )

@@ -36,7 +36,7 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
 from gossamer_fx.mechanics.orbit.optics import (
     MIRROR,
     PRESSURE,
-    ArrayMaths,
+    Arrays,
     Optics,
     Surface,
     Symbolic,
@@ -217,7 +217,7 @@ class _LightOnFaces(FacesForce):
 
     def on_faces(self, areas: Array, rates: Array) -> Array:
         """Forces (..., n, 3) [N] of light on n faces, whatever their velocities are."""
-        return self._P * light_force(areas, self._u, self._front, self._back, ArrayMaths)
+        return self._P * light_force(areas, self._u, self._front, self._back, Arrays)
 
 
 def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:

@@ -193,9 +193,7 @@ class LawOfRows:
         self.driven_end = slice(first + len(driven), first + 2 * len(driven))
         self._names = [f"e0_{i}" for i in range(m)] + [f"e1_{i}" for i in range(m)]
         self._names += [f"z_{i}" for i in range(variables)] + ["h"]
-        self.columns: dict[str, int] = {}
         for name, size in self._sizes.items():
-            self.columns[name] = len(self._names)
             self._names += [name] if size is None else [f"{name}_{i}" for i in range(size)]
         self.numbers = slice(self.driven_end.stop, len(self._names))
         self.width = len(self._names)
@@ -232,12 +230,16 @@ class LawOfRows:
         totals = (response.energy, response.loss, response.supplied, response.excess)
         return [*response.stress, *totals, *response.history]
 
-    def __call__(self, x: Array, *, slopes: bool) -> tuple[Array, Array]:
+    def column(self, name: str) -> int:
+        """The column of a number among the inputs."""
+        return self._names.index(name)
+
+    def __call__(self, x: Any, *, slopes: bool) -> tuple[Array, Array]:
         """Outputs (n, outputs) of inputs (n, width), and with `slopes` their derivatives (n,
         outputs, m) by e1."""
         return self._by_end.of_rows(x, slopes=slopes)
 
-    def by_number(self, x: Array, name: str) -> Array:
+    def by_number(self, x: Any, name: str) -> Array:
         """Derivatives (n, outputs) by a number.  Collective at the first call."""
         scalars = [name for name, size in self._sizes.items() if size is None]
         if self._by_number is None:
@@ -317,8 +319,7 @@ class Stencil:
         self.before[:] = self.state
         # In a search for rest they change at its start only, not in its pseudo-steps.
         if not self._rule.is_static:
-            outputs, _ = self._evaluate(self.e0, e1)
-            self.state[:, : law.variables] = outputs[:, law.next_history]
+            self.state[:, : law.variables] = self._outputs(self.e0, e1)[:, law.next_history]
         self.state[:, law.variables :] = self.driven
 
     def begin_search(self) -> None:
@@ -328,32 +329,26 @@ class Stencil:
 
     def resting_history(self, e: Array) -> Array:
         """History variables (n, z) of a state that stays at the measures e (n, m)."""
-        outputs, _ = self._evaluate(e, e, h=0.0)
-        return outputs[:, self.law.next_history]
+        return self._outputs(e, e, None, 0.0)[:, self.law.next_history]
 
-    def _evaluate(
+    def _outputs(self, *inputs: Any) -> Array:
+        """Outputs (n, outputs) of the law for `_inputs`."""
+        return self.law(self._inputs(*inputs), slopes=False)[0]
+
+    def _inputs(
         self,
         e0: Array,
         e1: Array,
-        h: float | None = None,
-        *,
-        slopes: bool = False,
         driven: tuple[Array, Array] | None = None,
-    ) -> tuple[Array, Array]:
-        """Outputs (n, outputs) of the law between two measures (n, m), and their derivatives by the
-        second one; `driven`: (n, d) at the start and at the end, default: those of the step."""
-        law = self.law
-        x = self._inputs(e0, e1, driven)
-        x[:, law.length_of_step] = self.h if h is None else h
-        return law(x, slopes=slopes)
-
-    def _inputs(self, e0: Array, e1: Array, driven: tuple[Array, Array] | None = None) -> Array:
-        """Inputs (n, width) of the law; overwritten by the next call."""
+        h: float | None = None,
+    ) -> Array:
+        """Inputs (n, width) of the law between two measures (n, m), with driven numbers (n, d) at
+        both ends, by default those of the step; overwritten by the next call."""
         law = self.law
         x = self._x
         x[:, law.start] = e0
         x[:, law.end] = e1
-        x[:, law.length_of_step] = self.h
+        x[:, law.length_of_step] = self.h if h is None else h
         if self.state.shape[1]:
             start, end = driven or (self.state[:, law.variables :], self.driven)
             x[:, law.history] = self.state[:, : law.variables]
@@ -459,16 +454,12 @@ class Stencil:
 
     def energy(self) -> Array:
         """ψ (n,) at the start of the step."""
-        return self._energy_of(self.e0, self.state[:, self.law.variables :])
-
-    def _energy_of(self, e: Array, driven: Array) -> Array:
-        outputs, _ = self._evaluate(e, e, driven=(driven, driven))
-        return outputs[:, self.law.energy]
+        driven = self.state[:, self.law.variables :]
+        return self._outputs(self.e0, self.e0, (driven, driven))[:, self.law.energy]
 
     def of_step(self, q1: Array) -> Array:
         """Outputs (n, outputs) of the law for the step from its start to q1, whatever the rule."""
-        outputs, _ = self._evaluate(self.e0, self.at.measure(self.at.vectors(q1)))
-        return outputs
+        return self._outputs(self.e0, self.at.strain(q1))
 
     def force_by_number(self, q1: Array, name: str) -> Array:
         """Derivatives (n, D) of the forces [N] of a step by a number of the law."""
@@ -480,12 +471,12 @@ class Stencil:
 
     def energy_by_number(self, q1: Array, name: str) -> Array:
         """∂ψ/∂number (n,) at the end of the step."""
-        e1 = self.at.measure(self.at.vectors(q1))
+        e1 = self.at.strain(q1)
         return self.law.by_number(self._inputs(e1, e1), name)[:, self.law.energy]
 
     def set_number(self, name: str, value: float, rows: slice) -> None:
         """Give a number of the law a value in some rows."""
-        self._x[rows, self.law.columns[name]] = value
+        self._x[rows, self.law.column(name)] = value
         self._known = None
 
 
@@ -556,6 +547,7 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
         tuples = [(term.name, term.measure.ports) for term in terms]
         refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
+        self._terms = terms
         for term in terms:
             check(
                 not (term.driven or term.needs_both_ends) or not system.rule.takes_mid_strain,
@@ -566,7 +558,6 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
         for term in terms:
             alike.setdefault(term.kind, []).append(term)
         self._groups = [_group(of_kind, system) for of_kind in alike.values()]
-        self._names = [term.name for term in terms if term.stores]
         self.losses = [
             term.name for group in self._groups for term in group.terms if term.dissipates
         ]
@@ -597,20 +588,17 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
         self._ends = None
 
     def inadmissible(self) -> str:
-        bounded = any(term.range for group in self._groups for term in group.terms)
-        if not bounded:
+        if not any(term.range for term in self._terms):
             return ""
-        problems = []
+        problems: list[Rows] = []
         for group, q in self._at_end():
             if group.terms[0].range:
                 excess = group.stencil.of_step(q)[:, group.stencil.law.excess]
-                for i in group.stencil.at.owner[excess >= 0]:
-                    term = group.terms[i]
-                    problems.append(
-                        f"'{term.name}' passes {term.range}, beyond which its moment would jump"
-                    )
-        first_here = min(problems, default="")
-        return min(filter(None, self._system.comm.allgather(first_here)), default="")
+                problems += [group.terms[i] for i in group.stencil.at.owner[excess >= 0]]
+        names = [f"'{term.name}' passes {term.range}" for term in problems]
+        first_here = min(names, default="")
+        first = min(filter(None, self._system.comm.allgather(first_here)), default="")
+        return first and f"{first}, beyond which its moment would jump"
 
     def _at_end(self) -> Iterator[tuple[_Group, Array]]:
         """Each group with its unknowns (n, D) at the end of the step.  Collective."""
@@ -634,7 +622,7 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
             group.stencil.add_tangent(A, q)
 
     def energies(self) -> dict[str, float]:
-        found = dict.fromkeys(self._names, 0.0)
+        found = dict.fromkeys((term.name for term in self._terms if term.stores), 0.0)
         for group in self._groups:
             if group.terms[0].stores:
                 shares = group.sums(group.stencil.energy())
@@ -659,9 +647,8 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
     def supplied(self) -> float:
         total = 0.0
         for group, q in self._at_end():
-            law = group.stencil.law
-            if law.driven_count:
-                total += float(group.stencil.of_step(q)[:, law.supplied].sum())
+            if group.terms[0].driven:
+                total += float(group.stencil.of_step(q)[:, group.stencil.law.supplied].sum())
         return total
 
     def stresses(
@@ -725,13 +712,12 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
         raise ValueError(f"'{term.name}' is not in this scene")
 
     def without_gradient(self) -> str:
-        for group in self._groups:
-            for term in group.terms:
-                if term.history is not None:
-                    return (
-                        f"'{term.name}' has a history or a number that is given over time, so that "
-                        "its force depends on the path; give it a law without"
-                    )
+        for term in self._terms:
+            if term.history is not None:
+                return (
+                    f"'{term.name}' has a history or a number that is given over time, so that "
+                    "its force depends on the path; give it a law without"
+                )
         return ""
 
 
@@ -816,7 +802,7 @@ class Rows:
         """Numbers (n, numbers) of the tuples that this rank evaluates."""
         here = evaluated_here(self.measure.ports)
         count = len(self.measure.ports)
-        columns = [np.zeros((len(here), 0))]
+        columns: list[Array] = [np.zeros((len(here), 0))]
         for value in self.numbers.values():
             column = np.asarray(value, dtype=float)
             if column.ndim < 2:

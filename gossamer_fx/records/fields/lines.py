@@ -253,7 +253,7 @@ def _of_stored_energy(system: System, term: Rows, connector: DrawnAsLines, at: A
         natural = np.asarray(tape.lengths, dtype=np.float64)
     elif term.history is not None:
         # That of a tether, which changes
-        natural = compiled.variables_of(term)[:, 0]
+        natural = compiled.variables_of(term)[:, 0].astype(np.float64)
     else:
         natural = np.broadcast_to(compiled.get_number(term, "L"), count).astype(np.float64)
     # Each line is evaluated on one rank: the sum over all ranks is its tension.
