@@ -37,7 +37,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     Compiler,
     HistoryVariables,
 )
-from gossamer_fx.mechanics.terms.point_energies import Stencil
+from gossamer_fx.mechanics.terms.point_energies import BetweenPoints, Stencil
 
 # Change of the stretch over the length, below which the mean tension is that of the trapezoidal
 # rule. The quotient area/change would be a small difference of large numbers there.
@@ -134,7 +134,7 @@ class Tether(LineBetween):
         yield PaidOutRope(self.name, measure, self.stiffness, history(0.0), history)
 
 
-class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
+class PaidOutRopes(BetweenPoints, HistoryVariables, CompiledTerms["PaidOutRope"]):
     """All `PaidOutRope` terms of a scene, as arrays over the n ropes that this rank evaluates.
 
     Methods without a text here are described in `terms.assembly`.
@@ -265,6 +265,12 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         the same on every rank."""
         at_end = self._k * np.maximum(self._start_distance - self.length, 0.0)
         return self._of_terms(self._mean_tension if mean else at_end)
+
+    def stresses_of_step(self, term: PaidOutRope) -> Array:
+        # As in `average`: the tension over the mean distance of the ends.
+        start, end = (self._gather(q)[0] for q in (self._system.previous, self._system.q0))
+        stress = 2 * self._mean_tension / (self._distances(start) + self._distances(end))
+        return stress[self._at.owner == self.terms.index(term), None]
 
     def _of_terms(self, values: Array) -> Array:
         """Values (n,) of the ropes of this rank as those of each term, the same on every rank."""

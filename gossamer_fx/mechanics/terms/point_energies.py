@@ -8,7 +8,7 @@ first port.
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -258,7 +258,18 @@ def _all_or_some(on: Any) -> Any:
     return np.flatnonzero(on)
 
 
-class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDissipation"]):
+class BetweenPoints(ABC):
+    """Facet of compiled terms whose forces act between points."""
+
+    @abstractmethod
+    def stresses_of_step(self, term: Any) -> Array:
+        """Mean stresses (r, m) of a term in the last accepted step, of the r tuples of ports that
+        this rank evaluates (`point_measures.evaluated_here`).  Collective."""
+
+
+class PointEnergies(
+    BetweenPoints, Differentiable, CompiledTerms["PointStoredEnergy | PointDissipation"]
+):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
 
     has_shape_derivative = True
@@ -385,14 +396,32 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
         its start, of the r tuples of ports that this rank evaluates
         (`point_measures.evaluated_here`).  The measures are those of the configuration in which the
         stresses act.  Collective."""
-        stencil, i = self._find(term)
-        k = self._stencils.index(stencil)
-        of_step = Stencil(stencil.at, stencil.density, dissipates=False, rule=rule)
-        of_step.keep(self._gather(self._system.previous)[k])
+        of_step, rows, k = self._last_step(term, rule)
         end = self._system.previous if at_start else self._system.q0
         stresses, measures = of_step.stresses(self._gather(end)[k])
-        rows = stencil.at.owner == i
         return measures[rows], stresses[rows]
+
+    def stresses_of_step(self, term: PointStoredEnergy | PointDissipation) -> Array:
+        of_step, rows, k = self._last_step(term, self._system.rule)
+        stresses, _ = of_step.stresses(self._gather(self._system.q0)[k])
+        # A damper has no force at rest, whatever the last pseudo-step of the search was.
+        if isinstance(term, PointDissipation) and self._system.rule.is_static:
+            stresses = np.zeros_like(stresses)
+        return stresses[rows]
+
+    def _last_step(
+        self, term: PointStoredEnergy | PointDissipation, rule: StressRule
+    ) -> tuple[Stencil, npt.NDArray[np.bool_], int]:
+        """The stencil with a term at the start of the last accepted step, which of its rows are
+        those of the term, and its index.  Collective."""
+        stencil, i = self._find(term)
+        k = self._stencils.index(stencil)
+        dissipates = isinstance(term, PointDissipation)
+        of_step = Stencil(stencil.at, stencil.density, dissipates=dissipates, rule=rule)
+        # Not the length of a step that is tried; after a restart that is not known.
+        of_step.h = (self._system.time - self._system.previous_time) or self._system.h
+        of_step.keep(self._gather(self._system.previous)[k])
+        return of_step, stencil.at.owner == i, k
 
     # ---- sensitivities ---------------------------------------------------------------------------
 
