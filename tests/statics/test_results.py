@@ -72,7 +72,7 @@ def test_reaction_of_a_clamped_beam(comm):
 def test_moment_of_a_clamped_plate(comm):
     """The moment of the clamp is that of the load about it.
 
-    The slope is held by energies of the edge, whose forces act on nodes beside it, too.
+    The slope is held by energies of the edge, whose forces act on nodes near it, too.
     """
     sheet_law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=1e-3)
     mesh = crossed_sheet(comm, 8, 2, 0.4, 0.1)
@@ -134,9 +134,7 @@ def test_reactions_name_what_they_need(comm):
         for one in equilibrium.system.unknowns.items
         if isinstance(one, gx.Fixed)
     )
-    resultant = gx.probes.LoadResultant(
-        (0.0, 0.0, 0.0), name, action="force", axis="z"
-    )
+    resultant = gx.probes.LoadResultant((0.0, 0.0, 0.0), name, action="force", axis="z")
     assert total == pytest.approx(-resultant(equilibrium), rel=1e-9)
     torque = gx.probes.LoadResultant((1.0, 0.0, 0.0), name, action="torque", axis="y")
     middle = gx.probes.LoadResultant((0.0, 0.0, 0.0), name, action="torque", axis="y")
