@@ -134,10 +134,10 @@ def test_reactions_name_what_they_need(comm):
         for one in equilibrium.system.unknowns.items
         if isinstance(one, gx.Fixed)
     )
-    resultant = gx.probes.LoadResultant((0.0, 0.0, 0.0), name, action="force", axis="z")
+    resultant = gx.probes.LoadResultant((0.0, 0.0, 0.0), weight.name, action="force", axis="z")
     assert total == pytest.approx(-resultant(equilibrium), rel=1e-9)
-    torque = gx.probes.LoadResultant((1.0, 0.0, 0.0), name, action="torque", axis="y")
-    middle = gx.probes.LoadResultant((0.0, 0.0, 0.0), name, action="torque", axis="y")
+    torque = gx.probes.LoadResultant((1.0, 0.0, 0.0), weight.name, action="torque", axis="y")
+    middle = gx.probes.LoadResultant((0.0, 0.0, 0.0), weight.name, action="torque", axis="y")
     assert torque(equilibrium) - middle(equilibrium) == pytest.approx(resultant(equilibrium))
     with pytest.raises(gx.InputError, match="has no force as a support or joint"):
         gx.probes.Reaction(weight, "z")(equilibrium)
