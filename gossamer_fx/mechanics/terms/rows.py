@@ -658,17 +658,36 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
         its start, of the r tuples of ports that this rank evaluates
         (`point_measures.evaluated_here`).  The measures are those of the configuration in which the
         stresses act.  Collective."""
+        of_step, rows, k = self._last_step(term, rule)
+        end = self._system.q0
+        if at_start:
+            of_step.driven[:] = of_step.state[:, of_step.law.variables :]
+            end = self._system.previous
+        stresses, measures = of_step.stresses(self._gather(end)[k])
+        return measures[rows], stresses[rows]
+
+    def stresses_of_step(self, term: Rows) -> Array:
+        """Mean stresses (r, m) of a term in the last accepted step, of the r tuples of ports that
+        this rank evaluates.  Collective."""
+        of_step, rows, k = self._last_step(term, self._system.rule)
+        stresses, _ = of_step.stresses(self._gather(self._system.q0)[k])
+        # A damper has no force at rest, whatever the last pseudo-step of the search was.
+        if term.is_viscous and self._system.rule.is_static:
+            stresses = np.zeros_like(stresses)
+        return stresses[rows]
+
+    def _last_step(self, term: Rows, rule: StressRule) -> tuple[Stencil, slice, int]:
+        """The stencil with a term at the start of the last accepted step, the rows of the term, and
+        the index of the group.  Collective."""
         group, rows = self._find(term)
         k = self._groups.index(group)
         stencil = group.stencil
         of_step = Stencil(stencil.at, stencil.law, stencil.numbers, rule, stencil.before.copy())
-        of_step.h = stencil.h
-        if not at_start:
-            of_step.driven[:] = stencil.state[:, stencil.law.variables :]
+        # Not the length of a step that is tried; after a restart that is not known.
+        of_step.h = (self._system.time - self._system.previous_time) or self._system.h
+        of_step.driven[:] = stencil.state[:, stencil.law.variables :]
         of_step.keep(self._gather(self._system.previous)[k])
-        end = self._system.previous if at_start else self._system.q0
-        stresses, measures = of_step.stresses(self._gather(end)[k])
-        return measures[rows], stresses[rows]
+        return of_step, rows, k
 
     def variables_of(self, term: Rows) -> Array:
         """History variables and driven numbers (n, z) of all tuples of a term in the accepted
