@@ -160,8 +160,8 @@ class Law:
 
     def _compute_rows(self, x: Array, outputs: Array, derivatives: Array) -> None:
         """Write outputs, and derivatives unless that array is empty."""
-        for number, inputs in enumerate(x):
-            outputs[number], slopes = self(*map(float, inputs))[:2]
+        for number in range(len(x)):
+            outputs[number], slopes = self(*x[number].tolist())[:2]
             if derivatives.size:
                 derivatives[number] = slopes
 

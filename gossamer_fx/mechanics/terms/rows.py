@@ -290,8 +290,7 @@ class Stencil:
         # Unknowns q1 (n, D), vectors (n, 3k), and stresses (n, m) with their derivatives (n, m, m)
         # of the last evaluation, for forces and tangent of one iterate.
         self._known: tuple[Array, Array, Array, Array] | None = None
-        self._Y0 = at.vectors(np.zeros((at.n, at.D)))
-        self.e0 = at.measure(self._Y0)
+        self.start_from(np.zeros((at.n, at.D)))
 
     @property
     def numbers(self) -> Array:
@@ -299,13 +298,16 @@ class Stencil:
         return self._x[:, self.law.numbers]
 
     def keep(self, q0: Array) -> None:
-        """Set the unknowns q0 (n, D) at the start of a step, which was the end of the last one."""
-        self._Y0 = self.at.vectors(q0)
-        e1 = self.at.measure(self._Y0)
+        """Start the next step from the unknowns q0 (n, D), at which the last one ended."""
         if self.state.shape[1]:
-            self._advance(e1)
+            self._advance(self.at.measure(self.at.vectors(q0)))
+        self.start_from(q0)
+
+    def start_from(self, q0: Array) -> None:
+        """Set the unknowns q0 (n, D) at the start of a step, with the present history variables."""
+        self._Y0 = self.at.vectors(q0)
+        self.e0 = self.at.measure(self._Y0)
         self._known = None
-        self.e0 = e1
 
     def _advance(self, e1: Array) -> None:
         """Set the history variables at the end e1 (n, m) of a step."""
@@ -686,7 +688,7 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
         # Not the length of a step that is tried; after a restart that is not known.
         of_step.h = (self._system.time - self._system.previous_time) or self._system.h
         of_step.driven[:] = stencil.state[:, stencil.law.variables :]
-        of_step.keep(self._gather(self._system.previous)[k])
+        of_step.start_from(self._gather(self._system.previous)[k])
         return of_step, rows, k
 
     def variables_of(self, term: Rows) -> Array:

@@ -25,8 +25,8 @@ from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines, Frame
 from gossamer_fx.mechanics.terms.energies_in_time import EnergiesInTime
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multipliers_of
-from gossamer_fx.mechanics.terms.rows import CompiledRows
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergies, QuadraticEnergy
+from gossamer_fx.mechanics.terms.rows import CompiledRows
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
 
