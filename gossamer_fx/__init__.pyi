@@ -1,6 +1,5 @@
 from . import analysis as analysis
 from .analysis import reduction as reduction
-from .analysis.cases.static_case import StaticCase as StaticCase
 from .analysis.statics.equilibrium import Equilibrium as Equilibrium
 from .app import sweep as sweep
 from .build import fold as fold

@@ -24,14 +24,14 @@ SCENE = """
         pull = gx.loads.Force(ball.port(), lambda t: (0.0, 0.0, -10.0 * t), name="pull")
         probes = {"hook [N]": gx.probes.Reaction(spring, "z")}
         probes["height [m]"] = gx.probes.Position(ball.port(), "z")
-        return gx.StaticCase(
+        return gx.analysis.StaticCase(
             gx.Equilibrium(gx.Scene(pull, spring)),
             at=(0.5, 1.0), along="load factor", probes=probes, modes=modes,
         )
 """
 
 
-def stretched(comm: MPI.Intracomm, **how: Any) -> gx.StaticCase:
+def stretched(comm: MPI.Intracomm, **how: Any) -> gx.analysis.StaticCase:
     """A cable that is pulled at its end."""
     cable = gx.Cable(
         line(comm, [(0, 0, 0), (1, 0, 0)], 4), gx.CableLaw(1e4, 0.01), initial_tension=1.0
@@ -42,7 +42,7 @@ def stretched(comm: MPI.Intracomm, **how: Any) -> gx.StaticCase:
         "held [N]": gx.probes.Reaction(held, "x"),
         "end [m]": gx.probes.Displacement(cable.port("end"), "x"),
     }
-    return gx.StaticCase(gx.Equilibrium(gx.Scene(held, pull)), probes=probes, **how)
+    return gx.analysis.StaticCase(gx.Equilibrium(gx.Scene(held, pull)), probes=probes, **how)
 
 
 @pytest.mark.mpi

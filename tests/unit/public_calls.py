@@ -224,7 +224,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("contact.Box", centre=z, sizes=(1.0, 1.0, 1.0), name="box")
     add("Cable", mesh=curve, law=gx.CableLaw(**cable_law))
     add("CableLaw", **cable_law)
-    add("StaticCase", equilibrium=gx.Equilibrium(scene))
+    add("analysis.StaticCase", equilibrium=gx.Equilibrium(scene))
     add("Case", scene=scene, stepper=gx.Midpoint(dt=0.1), until=1.0, frames=10)
     add("loads.Centrifugal", body=film, spin=z, centre=z)
     add("Chamber", gas=gas, pressure=1e5, temperature=300.0, volume=1.0)

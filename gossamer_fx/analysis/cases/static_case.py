@@ -50,7 +50,7 @@ class StaticCase:
         ...     spring = gx.connectors.Spring(ball.port(), hook, stiffness=100.0, length=1.0)
         ...     scene = gx.Scene(ball, spring, gx.Gravity(ball, (0.0, 0.0, -9.81)))
         ...     probes = {"hook z [N]": gx.probes.Reaction(spring, "z")}
-        ...     return gx.StaticCase(gx.Equilibrium(scene), probes=probes, title="It hangs")
+        ...     return gx.analysis.StaticCase(gx.Equilibrium(scene), probes=probes)
         >>> round(build(comm).compute(folder / "hung")["hook z [N] at the end"], 4)
         19.62
     """

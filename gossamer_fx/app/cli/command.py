@@ -246,7 +246,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "scene",
         type=Path,
-        help="Python file with a function build(comm, ...) that returns a gx.Case or gx.StaticCase",
+        help="Python file with a function build(comm, ...) that returns a gx.Case, or a "
+        "gx.analysis.StaticCase",
     )
     run.add_argument("options", nargs="*", metavar="NAME=VALUE", help="further arguments of build")
     run.add_argument(
@@ -625,7 +626,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case | StaticCase:
     if not isinstance(case, StaticCase):
         raise InputError(
             f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case, "
-            "or a gossamer_fx.StaticCase of an equilibrium."
+            "or a gossamer_fx.analysis.StaticCase of an equilibrium."
         )
     return case
 
