@@ -38,7 +38,7 @@ from gossamer_fx.core.algebra.point_measures import (
     refuse_ports_outside,
 )
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.laws.law import Law, compile_law
+from gossamer_fx.core.laws.law import Derivatives, Law, compile_law
 from gossamer_fx.core.laws.tracing import Number, at_most
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.terms import Parameter
@@ -229,6 +229,11 @@ class LawOfRows:
         response = self._law(e0, e1, z0, h, SimpleNamespace(**numbers))
         totals = (response.energy, response.loss, response.supplied, response.excess)
         return [*response.stress, *totals, *response.history]
+
+    @property
+    def derivatives(self) -> Derivatives:
+        """How derivatives are taken."""
+        return self._by_end.derivatives
 
     def column(self, name: str) -> int:
         """The column of a number among the inputs."""
