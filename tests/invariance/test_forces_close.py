@@ -12,7 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.algebra.point_measures import translation_weight
 from gossamer_fx.core.model.body import Ground
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
-from gossamer_fx.mechanics.terms.point_energies import BetweenPoints
+from gossamer_fx.mechanics.terms.rows import CompiledRows
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.meshes.sheet import crossed_sheet
 from gossamer_fx.records.fields.reactions import GroundForce
@@ -67,7 +67,7 @@ def on_ground(terms: Any) -> bool:
     for term in terms:
         if isinstance(term, Support):
             return True
-        if isinstance(term, PointConstraint) or issubclass(term.compiler, BetweenPoints):
+        if isinstance(term, PointConstraint) or issubclass(term.compiler, CompiledRows):
             ports = [port for ports in term.measure.ports for port in ports]
             # A spring along a direction has the ground in its measure alone.
             alone = any(

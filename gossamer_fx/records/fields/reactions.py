@@ -26,8 +26,8 @@ from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines, Frame
 from gossamer_fx.mechanics.terms.energies_in_time import EnergiesInTime
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multipliers_of
-from gossamer_fx.mechanics.terms.point_energies import BetweenPoints
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergies, QuadraticEnergy
+from gossamer_fx.mechanics.terms.rows import CompiledRows
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
 
@@ -73,7 +73,7 @@ class GroundForce:
         self._supports = [term for term in terms if isinstance(term, Support)]
         self._constraints = [term for term in terms if isinstance(term, PointConstraint)]
         self._connectors: list[Any] = [
-            term for term in terms if issubclass(term.compiler, BetweenPoints)
+            term for term in terms if issubclass(term.compiler, CompiledRows)
         ]
         known = self._supports or self._constraints or self._connectors
         check(bool(known), _not_found(system, item, "support or joint"))
