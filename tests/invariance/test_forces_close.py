@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.core.algebra.point_measures import translation_weight
 from gossamer_fx.core.model.body import Ground
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.mechanics.terms.rows import CompiledRows
@@ -69,7 +70,10 @@ def on_ground(terms: Any) -> bool:
         if isinstance(term, PointConstraint) or issubclass(term.compiler, CompiledRows):
             ports = [port for ports in term.measure.ports for port in ports]
             # A spring along a direction has the ground in its measure alone.
-            if len(term.measure.ports[0]) == 1 or any(isinstance(port, Ground) for port in ports):
+            alone = any(
+                len(one) == 1 and translation_weight(one[0]) != 0 for one in term.measure.ports
+            )
+            if alone or any(isinstance(port, Ground) for port in ports):
                 return True
     return False
 

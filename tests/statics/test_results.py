@@ -124,6 +124,28 @@ def test_reactions_after_a_restart_are_those_of_the_last_step(comm, folder):
     assert {name: probe(again) for name, probe in probes.items()} == pytest.approx(before)
 
 
+@pytest.mark.mpi
+def test_force_of_a_tie(comm):
+    """Two strips that are tied and pulled: the tie pulls the second one with the whole force."""
+    first = gx.Membrane(sheet(comm, 2, 1), LAW, name="first")
+    move = {"displacement": lambda X: np.vstack([1 + 0 * X[0], 0 * X[0], 0 * X[0]])}
+    second = gx.Membrane(sheet(comm, 2, 1), LAW, name="second", **move)
+    tie = gx.Tie(first, second, group_a="right", group_b="left")
+    held = gx.Fixed(first, "left")
+    pulled = gx.Fixed(
+        second, "right", motion=lambda X, t: np.vstack([1.01 + 0 * X[0], 0 * X[0], 0 * X[0]])
+    )
+    flat = [
+        gx.Fixed(film, "film", components=(2,), name=f"{film.name} flat")
+        for film in (first, second)
+    ]
+    equilibrium = at_rest(held, pulled, tie, *flat)
+    force = equilibrium.reaction(pulled)[0]
+    assert abs(force[0]) > 100.0
+    assert equilibrium.reaction(tie)[0] == pytest.approx(-force, rel=1e-6, abs=1e-4)
+    assert equilibrium.joint_force(tie)[0] == pytest.approx(-force, rel=1e-6, abs=1e-4)
+
+
 def test_reactions_name_what_they_need(comm):
     film = gx.Membrane(sheet(comm, 2, 1), LAW, name="strip")
     held = gx.Fixed(film, "left")
@@ -139,6 +161,10 @@ def test_reactions_name_what_they_need(comm):
     torque = gx.probes.LoadResultant((1.0, 0.0, 0.0), weight.name, action="torque", axis="y")
     middle = gx.probes.LoadResultant((0.0, 0.0, 0.0), weight.name, action="torque", axis="y")
     assert torque(equilibrium) - middle(equilibrium) == pytest.approx(resultant(equilibrium))
+    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e3, 0.01), edges="top", name="tape")
+    taped = at_rest(held, gx.Fixed(film, "right", name="other"), tape)
+    with pytest.raises(gx.InputError, match="joins no two bodies and is not on the ground"):
+        gx.probes.Reaction(tape, "x")(taped)
     with pytest.raises(gx.InputError, match="has no force as a support or joint"):
         gx.probes.Reaction(weight, "z")(equilibrium)
     with pytest.raises(gx.InputError, match="not a support or joint of this scene"):

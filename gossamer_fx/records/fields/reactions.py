@@ -9,6 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import (
     Gather,
@@ -19,7 +20,7 @@ from gossamer_fx.core.algebra.point_measures import (
 )
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form, constant
-from gossamer_fx.core.model.body import Array, Attached, Port, Vector
+from gossamer_fx.core.model.body import Array, Ground, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines, Frame
@@ -81,7 +82,30 @@ class GroundForce:
             for term in terms
             if self._supports and issubclass(term.compiler, (QuadraticEnergies, EnergiesInTime))
         ]
-        self._is_counted = _counted(item)
+        sides = (
+            [list(_bodies(side)) for side in (item.a, item.b)] if isinstance(item, Joint) else []
+        )
+        self._is_counted: Callable[[Port], bool] = lambda port: True
+        # What has a side on the ground is pushed by it, and all of its ports count.
+        if not (self._supports or self._is_on_ground()):
+            check(
+                isinstance(item, Joint) and (sides[0] != sides[1] or isinstance(item.b, Port)),
+                f"'{item.name}' is a {type(item).__name__} that joins no two bodies and is not on "
+                "the ground, so that no one force is that of it; ask for those of supports, or for "
+                "the tension of lines.",
+            )
+            assert isinstance(item, Joint)
+            self._is_counted = _on_second_side(item.b, *sides)
+
+    def _is_on_ground(self) -> bool:
+        """Whether a measure of the item has a side on the ground.  Collective."""
+        own = False
+        for term in (*self._constraints, *self._connectors):
+            for ports in term.measure.ports:
+                # The measure of one point alone, e.g. a height, is one against the ground.
+                is_alone = len(ports) == 1 and translation_weight(ports[0]) != 0
+                own = own or is_alone or any(isinstance(port, Ground) for port in ports)
+        return bool(self._system.comm.allreduce(own, op=MPI.LOR))
 
     def __call__(self, about: Vector = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
         """Force (3,) [N] and moment (3,) [N m] about a point (3,) [m], the same on every rank.
@@ -167,16 +191,11 @@ def joint_force(
     return sign * force, sign * moment
 
 
-def _counted(item: NamedPart) -> Callable[[Port], bool]:
-    """Which ports of an item the ground pushes through it: all of them if it has a side on the
-    ground, else those of its second side."""
-    if not isinstance(item, Joint):
-        return lambda port: True
-    first, second = list(_bodies(item.a)), list(_bodies(item.b))
-    if not (first and second):
-        return lambda port: True
-    if isinstance(item.b, Port) and first == second:
-        return lambda port: port == item.b
+def _on_second_side(b: Any, first: list[Any], second: list[Any]) -> Callable[[Port], bool]:
+    """Which ports are those of the second side of a joint, of the bodies on both sides."""
+    if first == second:
+        # Two points of one body.
+        return lambda port: port == b
     return lambda port: any(port.body is body for body in second)
 
 
@@ -205,13 +224,16 @@ def _not_found(system: System, item: NamedPart, wanted: str) -> str:
     )
 
 
-def _bodies(side: Attached | Frame) -> Iterable[Any]:
-    """Bodies of a port or frame; a joint may hold the section of a beam by the separate body of its
-    complete frame, which is included."""
+def _bodies(side: Any) -> Iterable[Any]:
+    """Bodies of a port or frame, or the body itself; a joint may hold the section of a beam by the
+    separate body of its complete frame, which is included."""
     vectors = (side.origin, side.complete.origin) if isinstance(side, Frame) else (side,)
     for vector in vectors:
         if isinstance(vector, Port):
             yield vector.body
+        elif not isinstance(vector, Ground):
+            # A tie has bodies as its sides.
+            yield vector
 
 
 def _support_share(system: System, term: Support, centre: Array) -> Array:
