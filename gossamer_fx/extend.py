@@ -13,8 +13,9 @@ Parts of a scene
 General kinds of terms
     on meshes, in UFL (`Expr`, `constant`): `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`,
     `ViscousDissipation`, `Load`
-    between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
-    `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`
+    between points: `PointMeasure` with `PointConstraint`, or with `Rows`, whose law is a plain
+    function with a `Response` that is compiled with its derivatives; `PointLoad`,
+    `AttachedKineticEnergy`
     fixed and prescribed coordinates: `Support`
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
     `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
@@ -25,6 +26,9 @@ Laws and obstacles
     `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or own ones (`BoundaryStencil`,
     `PairStencil`), and its picture is a `DrawnSurface`
     `line_derivative`, `area_vector` for measures in UFL
+    what plain functions may use that are compiled: `at_most`, `root`, `positive_part`,
+    `one_sided_average`, `Number`; `compile_law` compiles them for own kinds of terms, and
+    `LawOfRows` for a `Stencil`
 Own kinds of terms
     `CompiledTerms`, the base of their compilers, and its `Assembly`, the system as they see it;
     facets that a compiler may have: `Multipliers`, `ActiveSet`, `HistoryVariables`,

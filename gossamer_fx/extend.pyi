@@ -48,6 +48,10 @@ from .core.forms.kinematics import area_vector as area_vector
 from .core.forms.kinematics import line_derivative as line_derivative
 from .core.forms.strain_path import Piece as Piece
 from .core.forms.strain_path import within_cone as within_cone
+from .core.laws.law import compile_law as compile_law
+from .core.laws.tracing import Number as Number
+from .core.laws.tracing import at_most as at_most
+from .core.laws.tracing import root as root
 from .core.model.body import Array as Array
 from .core.model.body import Attached as Attached
 from .core.model.body import Block as Block
@@ -64,6 +68,7 @@ from .core.model.state import HasSystem as HasSystem
 from .core.model.state import InitialState as InitialState
 from .core.model.state import State as State
 from .core.model.terms import BringsTerms as BringsTerms
+from .core.model.terms import Parameter as Parameter
 from .core.model.terms import RefersToItems as RefersToItems
 from .core.model.terms import Term as Term
 from .core.model.terms import terms_of as terms_of
@@ -111,11 +116,14 @@ from .mechanics.terms.loads import PointLoads as PointLoads
 from .mechanics.terms.loads import at_rate as at_rate
 from .mechanics.terms.masses import KineticEnergy as KineticEnergy
 from .mechanics.terms.point_constraints import PointConstraint as PointConstraint
-from .mechanics.terms.point_energies import AttachedKineticEnergy as AttachedKineticEnergy
-from .mechanics.terms.point_energies import PointDissipation as PointDissipation
-from .mechanics.terms.point_energies import PointStoredEnergy as PointStoredEnergy
-from .mechanics.terms.point_energies import Stencil as Stencil
 from .mechanics.terms.quadratic_energies import QuadraticEnergy as QuadraticEnergy
+from .mechanics.terms.rows import AttachedKineticEnergy as AttachedKineticEnergy
+from .mechanics.terms.rows import LawOfRows as LawOfRows
+from .mechanics.terms.rows import Response as Response
+from .mechanics.terms.rows import Rows as Rows
+from .mechanics.terms.rows import Stencil as Stencil
+from .mechanics.terms.rows import one_sided_average as one_sided_average
+from .mechanics.terms.rows import positive_part as positive_part
 from .mechanics.terms.scalar_unknowns import BringsScalarUnknowns as BringsScalarUnknowns
 from .mechanics.terms.scalar_unknowns import InitialCondition as InitialCondition
 from .mechanics.terms.scalar_unknowns import ScalarTotals as ScalarTotals

@@ -9,7 +9,7 @@ import numpy as np
 
 import gossamer_fx as gx
 from gossamer_fx.extend import Array
-from gossamer_fx.mechanics.orbit.optics import Rows, flow_coefficients
+from gossamer_fx.mechanics.orbit.optics import Arrays, flow_coefficients
 
 EARTH = 6378137.0  # equatorial radius [m], WGS 84
 
@@ -29,7 +29,7 @@ def drag_area(
     wall = math.sqrt(how.wall_temperature / air.temperature)
     # A pushes against the outer normal, B along the flow.
     A, B = flow_coefficients(
-        cosines, speed / air.thermal_speed, how.normal, how.tangential, wall, Rows
+        cosines, speed / air.thermal_speed, how.normal, how.tangential, wall, Arrays
     )
     return float(np.sum(areas * (A * cosines + B)))
 

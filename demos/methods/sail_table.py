@@ -50,7 +50,7 @@ from demos.common.figures import (
     triangles,
 )
 from gossamer_fx.extend import Array
-from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE, Rows, light_force
+from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE, Arrays, light_force
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 
 # Side of the frame, and its centre, about which the torque acts.
@@ -95,8 +95,8 @@ def light_on(corners: Array, u: Array) -> Array:
     3)."""
     front = JPL_SAIL.coefficients()
     back = JPL_SAIL.coefficients(back=True)
-    # All triangles at once: `Rows` has scalar products of rows.
-    force = PRESSURE * light_force(area_vectors(corners), u, front, back, Rows)
+    # All triangles at once: `Arrays` has scalar products of rows.
+    force = PRESSURE * light_force(area_vectors(corners), u, front, back, Arrays)
     arm = corners.mean(axis=1) - CENTRE
     return np.append(force.sum(axis=0), np.cross(arm, force).sum(axis=0))
 

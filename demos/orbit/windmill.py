@@ -41,7 +41,7 @@ from demos.common.figures import (
 )
 from demos.common.spinning import RPM
 from gossamer_fx.extend import Array
-from gossamer_fx.mechanics.orbit.optics import Rows, light_force
+from gossamer_fx.mechanics.orbit.optics import Arrays, light_force
 from gossamer_fx.mechanics.orbit.sky import AU, MU_SUN
 
 AREA = 173.0  # of the sail [m²]
@@ -137,7 +137,7 @@ def torque_of_light(comm: MPI.Comm, corners: Array) -> float:
     areas = area_vectors(corners)
     along_z = np.array([0.0, 0.0, 1.0])
     forces = light_force(
-        areas, along_z, OPTICS.coefficients(), OPTICS.coefficients(back=True), Rows
+        areas, along_z, OPTICS.coefficients(), OPTICS.coefficients(back=True), Arrays
     )
     torques = np.cross(corners.mean(axis=1), forces)
     return float(PRESSURE_AT_AU / DISTANCE**2 * comm.allreduce(torques[:, 2].sum()))

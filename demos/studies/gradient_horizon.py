@@ -285,7 +285,7 @@ STUDY = Study(
     # The times for which they stay below the tolerated error, and the errors of the largest change,
     # are compared.
     not_repeatable={
-        f"error {change:g} at {k}": "the difference of two runs has few digits beyond their round-off"
+        f"error {change:g} at {k}": "the difference of two runs has few digits beyond round-off"
         for change in CHANGES[:-1]
         for k in range(FRAMES)
     },

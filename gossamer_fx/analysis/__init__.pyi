@@ -5,6 +5,7 @@ from ..records.probes.films import largest_stress as largest_stress
 from .answer_spread import Spread as Spread
 from .answer_spread import Verdict as Verdict
 from .answer_spread import spread as spread
+from .cases.static_case import StaticCase as StaticCase
 from .design.optimisation import Limit as Limit
 from .design.optimisation import Optimum as Optimum
 from .design.optimisation import gradient as gradient

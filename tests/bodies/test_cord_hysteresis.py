@@ -11,10 +11,11 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.bodies.cord_hysteresis import HystereticBars
+from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteretic_bar
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.fields.lines import line_forces
+from tests.rows import Step, step_of
 from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
@@ -23,16 +24,10 @@ UNLOADING = (np.array([0.0, 0.01, 0.015]), np.array([0.0, 20.0, 60.0]))
 CORD = gx.TabulatedCable(*LOADING, line_density=0.1, unloading=UNLOADING)
 
 
-def bars(law: gx.TabulatedCable, count: int, largest: Any = 0.0) -> HystereticBars:
-    """Bars of 1 m without a scene."""
-    return HystereticBars(
-        corners=law.corners,
-        lengths=np.ones(count),
-        law=law.hysteresis,
-        numbers=np.arange(count),
-        largest=np.broadcast_to(largest, count).astype(float),
-        comm=MPI.COMM_SELF,
-    )
+def cord_step(law: gx.TabulatedCable, x0: Any, x1: Any, largest: Any = 0.0) -> Step:
+    """Bars of 1 m without a scene, from engineering strains x0 to x1."""
+    numbers = {"length": 1.0} | law.hysteresis.as_numbers()
+    return step_of(hysteretic_bar, measure(x0), measure(x1), numbers, z0=largest)
 
 
 def measure(x: Any) -> np.ndarray:
@@ -44,19 +39,17 @@ def test_a_cycle_loses_the_area_between_the_curves() -> None:
     """Up to 2.5 % (47.5 N) and back to zero in 2 × 97 steps: down the upper 47.5 N of the unloading
     curve.  Areas by hand: loading 0.05 + 0.015 · (10 + 47.5)/2, unloading 40 N in 0.5 %, with
     7.5 N left, and 7.5 N at 2 kN."""
-    cord = bars(CORD, 1)
+    largest = 0.0
     work = 0.0
     loss = 0.0
     path = np.concatenate([np.linspace(0.0, 0.025, 98), np.linspace(0.025, 0.0, 98)])
     for x0, x1 in pairwise(path):
-        e0 = measure(x0)
-        e1 = measure(x1)
-        S, _ = cord.average(e0, e1)
-        work += (S * (e1 - e0)).item()
-        of_step = cord.loss(e0, e1).item()
+        step = cord_step(CORD, x0, x1, largest)
+        work += (step.S * (measure(x1) - measure(x0))).item()
+        of_step = step.loss.item()
         assert of_step >= 0
         loss += of_step
-        cord.take(e1)
+        largest = step.history.item()
     loaded = 0.01 * 10 / 2 + 0.015 * (10 + 47.5) / 2
     returned = 0.005 * (47.5 + 7.5) / 2 + 7.5**2 / 2000 / 2
     assert work == pytest.approx(loaded - returned, abs=1e-12)
@@ -64,14 +57,12 @@ def test_a_cycle_loses_the_area_between_the_curves() -> None:
 
 
 def test_reloading_follows_the_unloading_curve_to_the_turning_point() -> None:
-    cord = bars(CORD, 5, largest=0.025)
     x = np.array([0.02, 0.0215, 0.024, 0.025, 0.028])
-    S, _ = cord.average(measure(x), measure(x))
+    S = cord_step(CORD, x, x, 0.025).S
     # 47.5 N less 8 kN · 0.5 % at 2 %, slack at 1.625 %, the loading curve beyond 2.5 %.
     force = S[:, 0] * (1 + x)
     assert force == pytest.approx([7.5, 19.5, 39.5, 47.5, 55.0], abs=1e-11)
-    slack = measure(np.full(5, 0.016))
-    assert cord.average(slack, slack)[0] == pytest.approx(0.0, abs=1e-12)
+    assert pytest.approx(0.0, abs=1e-12) == cord_step(CORD, 0.016, 0.016, 0.025).S
 
 
 def test_work_is_stored_or_lost_on_any_path() -> None:
@@ -81,18 +72,17 @@ def test_work_is_stored_or_lost_on_any_path() -> None:
     largest = random.uniform(0.0, 0.05, count)
     x0 = np.minimum(random.uniform(-0.03, 0.05, count), largest)
     x1 = random.uniform(-0.03, 0.06, count)
-    cords = bars(CORD, count, largest)
-    e0 = measure(x0)
-    e1 = measure(x1)
-    S, D = cords.average(e0, e1)
-    loss = cords.loss(e0, e1)
-    change = cords.energy(e1) - cords.energy(e0) + loss
-    assert (S * (e1 - e0))[:, 0] == pytest.approx(change, abs=1e-13)
-    assert loss.min() > -1e-13
+    step = cord_step(CORD, x0, x1, largest)
+    resting = cord_step(CORD, x0, x0, largest)
+    change = step.energy - resting.energy + step.loss
+    assert (step.S * (measure(x1) - measure(x0)))[:, 0] == pytest.approx(change, abs=1e-13)
+    assert step.loss.min() > -1e-13
     δ = 1e-7
-    difference = (cords.average(e0, e1 + δ)[0] - cords.average(e0, e1 - δ)[0])[:, 0] / (2 * δ)
+    ahead, behind = (cord_step(CORD, x0, x1 + side * δ, largest).S for side in (1, -1))
+    # dε1 = λ1 dx1
+    difference = (ahead - behind)[:, 0] / (2 * δ) / (1 + x1)
     far = np.abs(x1 - x0) > 1e-3
-    assert difference[far] == pytest.approx(D[far, 0, 0], abs=2e-2)
+    assert difference[far] == pytest.approx(step.dS[far, 0, 0], abs=2e-2)
 
 
 def test_never_unloaded_or_with_equal_curves_it_is_the_tabulated_cable() -> None:
@@ -100,15 +90,13 @@ def test_never_unloaded_or_with_equal_curves_it_is_the_tabulated_cable() -> None
     straight = ([0.0, 0.02], [0.0, 50.0])
     line = gx.TabulatedCable(*straight, line_density=0.1, unloading=straight)
     x = np.linspace(-0.02, 0.04, 31)
-    pulled = bars(CORD, 30)
-    on_line = bars(line, 30, largest=0.03)
     both_ways = np.where(np.arange(30) % 2, -x[1:], x[1:])
-    for law, cords, end in ((CORD, pulled, x[1:]), (line, on_line, both_ways)):
-        start = np.minimum(x[:-1], cords.largest)
-        force, _ = law.corners.average(start, end)
-        mean, _ = cords.mean_force(start, end)
+    for law, largest, end in ((CORD, 0.0, x[1:]), (line, 0.03, both_ways)):
+        start = np.minimum(x[:-1], largest)
+        force = law.corners.average(start, end)
+        mean = law.hysteresis.average(start, end, np.full(30, largest))
         assert mean == pytest.approx(force, abs=1e-12)
-    assert on_line.loss(measure(x[:-1]), measure(both_ways)) == pytest.approx(0.0, abs=1e-14)
+    assert cord_step(line, x[:-1], both_ways, 0.03).loss == pytest.approx(0.0, abs=1e-14)
 
 
 def ribbon(
@@ -195,7 +183,7 @@ def test_gradients_and_cables_refuse_it_by_name() -> None:
         kind for kind in statics.system.equations.compiled if hasattr(kind, "without_gradient")
     ]
     words = "".join(kind.without_gradient() for kind in kinds)
-    assert "'cord' unloads on another curve" in words
+    assert "'cord' has a history" in words
     with pytest.raises(gx.InputError, match="only a Tape has"):
         gx.Cable(line(COMM, [(0, 0, 0), (1, 0, 0)], 2), CORD)
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.connectors.spring import RopeDamper
+from gossamer_fx.mechanics.connectors.spring import rope_damper
+from tests.rows import step_of
 
 # Units: N/m, N s/m, kg, m.
 K = 400.0
@@ -91,17 +92,18 @@ def test_a_bounce_on_a_rope_loses_energy_and_nothing_pushes(damping):
 
 def test_the_tangent_of_a_damped_rope_is_the_derivative():
     rng = np.random.default_rng(1)
-    damper = RopeDamper(3.0, 50.0, 1.0)
+    numbers = {"c": 3.0, "k": 50.0, "L": 1.0}
     l0, l1 = 1 + 0.2 * rng.standard_normal((2, 200, 1))
     e0 = l0**2 / 2
     e1 = l1**2 / 2
     δ = 1e-6
-    S, D = damper.average(e0, e1, 0.1)
-    above = damper.average(e0, e1 + δ, 0.1)[0]
-    below = damper.average(e0, e1 - δ, 0.1)[0]
+    step = step_of(rope_damper, e0, e1, numbers, h=0.1)
+    above = step_of(rope_damper, e0, e1 + δ, numbers, h=0.1).S
+    below = step_of(rope_damper, e0, e1 - δ, numbers, h=0.1).S
     difference = (above - below) / (2 * δ)
     # Where the rope is just straight the force has a corner, and differences straddle it.
     smooth = abs(l1 - 1) > 1e-4
-    assert D[:, 0][smooth] == pytest.approx(difference[smooth], rel=1e-4, abs=1e-3)
+    assert step.dS[:, 0][smooth] == pytest.approx(difference[smooth], rel=1e-4, abs=1e-3)
     # Viscosity never adds energy: the sign of each pair's work.
-    assert (S * (e1 - e0) >= 0).all()
+    assert (step.S * (e1 - e0) >= 0).all()
+    assert step.loss == pytest.approx((step.S * (e1 - e0))[:, 0], abs=1e-14)

@@ -8,9 +8,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.bodies.piecewise_force import TabulatedBars
+from gossamer_fx.mechanics.bodies.piecewise_force import tabulated_bar
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.rows import step_of
 from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
@@ -45,19 +46,20 @@ def test_average_does_the_change_of_the_potential() -> None:
     """S Δε = ΔW for any two strains, and dS/dε1 agrees with differences."""
     random = np.random.default_rng(3)
     x0, x1 = random.uniform(-0.08, 0.09, (2, 20000))
-    bars = TabulatedBars(MEASURED.corners, np.full(20000, 1.3))
+    numbers = {"length": 1.3} | MEASURED.corners.as_numbers()
     e0 = strain_measure(x0)
     e1 = strain_measure(x1)
-    S, D = bars.average(e0, e1)
-    work = S[:, 0] * (e1 - e0)[:, 0]
-    assert work == pytest.approx(bars.energy(e1) - bars.energy(e0), abs=1e-13)
+    step = step_of(tabulated_bar, e0, e1, numbers)
+    back = step_of(tabulated_bar, e1, e0, numbers)
+    work = step.S[:, 0] * (e1 - e0)[:, 0]
+    assert work == pytest.approx(step.energy - back.energy, abs=1e-13)
     δ = 1e-7
-    ahead, _ = bars.average(e0, e1 + δ)
-    behind, _ = bars.average(e0, e1 - δ)
+    ahead = step_of(tabulated_bar, e0, e1 + δ, numbers).S
+    behind = step_of(tabulated_bar, e0, e1 - δ, numbers).S
     difference = (ahead - behind)[:, 0] / (2 * δ)
     # Averages of a piecewise linear force have no corner themselves, unless the path has no length.
     far = np.abs(x1 - x0) > 1e-3
-    assert difference[far] == pytest.approx(D[far, 0, 0], abs=1e-2)
+    assert difference[far] == pytest.approx(step.dS[far, 0, 0], abs=1e-2)
 
 
 def test_two_points_are_a_rope_and_three_a_bar() -> None:

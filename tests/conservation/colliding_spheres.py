@@ -14,7 +14,7 @@ from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, PointM
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.connectors.spring import LengthSpring, half_distance_squared
+from gossamer_fx.mechanics.connectors.spring import half_distance_squared, stop
 from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
     Assembly,
@@ -22,7 +22,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     Compiler,
     HistoryVariables,
 )
-from gossamer_fx.mechanics.terms.point_energies import Stencil
+from gossamer_fx.mechanics.terms.rows import LawOfRows, Stencil
 
 Pairs = frozenset[tuple[int, int]]
 
@@ -40,6 +40,7 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
         self._ports = self.spheres.ports
         self.found = 0  # most pairs of a step
         self.widened = 0
+        self._law = LawOfRows(stop, 1, {"k": None, "L": None}, system.comm)
         self._take(frozenset())
 
     def _take(self, pairs: Pairs) -> None:
@@ -51,9 +52,9 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
             self._system.bodies,
             [PointMeasure(places, like.H, like.L, like.c)],
         )
-        density = LengthSpring(self.spheres.stiffness, 2 * self.spheres.radius, side=-1)
         self.pairs = pairs
-        self._stencil = Stencil(at, density, False, self._system.rule)
+        numbers = [self.spheres.stiffness, 2 * self.spheres.radius]
+        self._stencil = Stencil(at, self._law, numbers, self._system.rule)
         self._gather = Gather(self._system.numbering, [at.indices])
         self.commit()
 

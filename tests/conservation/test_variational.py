@@ -281,7 +281,7 @@ def reduced_film() -> gx.Scene:
     [
         (above_a_floor, "VariationalMidpoint: the scene has contact"),
         (blown_piston, "VariationalMidpoint: the scene has gas"),
-        (braked_tether, "'tether': a rope that is paid out"),
+        (braked_tether, "'tether': its law has forces"),
         (in_orbit, "flies by the midpoint rule only"),
         (reduced_film, "a reduced film has forces by its strains at the ends"),
     ],

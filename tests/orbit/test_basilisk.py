@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gossamer_fx.mechanics.orbit.harmonics import egm2008
-from gossamer_fx.mechanics.orbit.optics import Optics, Rows, light_force
+from gossamer_fx.mechanics.orbit.optics import Arrays, Optics, light_force
 from gossamer_fx.mechanics.orbit.sky import AU
 
 # Points [m] and accelerations [m/s²], copied from Basilisk with all its digits.
@@ -61,7 +61,7 @@ def test_sunlight_on_a_plate(
         -np.array(to_sun),
         optics.coefficients(),
         (0, 0, 0),
-        Rows,
+        Arrays,
     )
     distance = np.linalg.norm(np.array([0, 0, AU]) - np.array([7e6, 0, 0]))
     f = f * (AU / distance) ** 2

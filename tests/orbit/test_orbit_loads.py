@@ -19,8 +19,8 @@ from gossamer_fx.mechanics.orbit.optics import (
     PRESSURE,
     Accommodation,
     Air,
+    Arrays,
     Optics,
-    Rows,
     Surface,
     flow_force,
     light_force,
@@ -170,7 +170,7 @@ def test_drag_on_film_and_plate(order: int) -> None:
     air = AIR(A - orbit.radius)
     a = np.array([math.sin(tilt), 0, math.cos(tilt)])
     wall = math.sqrt(300 / air.temperature)
-    known = air.density * flow_force(a, U, air.thermal_speed, 0.9, 0.8, wall, 1.0, Rows)
+    known = air.density * flow_force(a, U, air.thermal_speed, 0.9, 0.8, wall, 1.0, Arrays)
     # The formula for one flat plate.
     assert np.allclose(on_plate, known, rtol=1e-6)
     assert np.allclose(on_film, known, rtol=1e-6)
@@ -213,15 +213,15 @@ def test_fast_air_is_newtons_stream() -> None:
     a = np.array([0.3, 0.2, 0.9])
     U = np.array([100.0, -30.0, 50.0])
     cold = 1e-3
-    stays = flow_force(a, U, cold, 1.0, 1.0, 0.0, 1.0, Rows)
+    stays = flow_force(a, U, cold, 1.0, 1.0, 0.0, 1.0, Arrays)
     # Newton's stream: the momentum ρ (a·U) U is left.
     assert np.allclose(stays, abs(a @ U) * U, rtol=1e-9)
-    mirrored = flow_force(a, U, cold, 0.0, 0.0, 0.0, 1.0, Rows)
+    mirrored = flow_force(a, U, cold, 0.0, 0.0, 0.0, 1.0, Arrays)
     n = a / np.linalg.norm(a)
     # Mirrored: twice the normal component.
     assert np.allclose(mirrored, 2 * abs(a @ U) * (n @ U) * n, rtol=1e-9)
     assert np.allclose(
-        flow_force(a, U, cold, 1.0, 1.0, 0.0, 0.0, Rows),
+        flow_force(a, U, cold, 1.0, 1.0, 0.0, 0.0, Arrays),
         0,
         atol=1e-12,
     )  # on the back of a side
@@ -353,6 +353,6 @@ def test_wrong_loads_are_refused() -> None:
         one_step(SolarPressure(flat, orbit))
     with pytest.raises(gx.InputError, match="return Air"):
         one_step(Drag(flat, orbit, atmosphere=lambda altitude: 1e-12))
-    measured = light_force(np.ones(3), np.ones(3), (2, 0, 0), (2, 0, 0), Rows).shape
+    measured = light_force(np.ones(3), np.ones(3), (2, 0, 0), (2, 0, 0), Arrays).shape
     assert measured == (3,)
     assert len(axes_of(body)) == 4

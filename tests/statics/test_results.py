@@ -8,7 +8,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import crossed_sheet, sheet
 from tests.small_scenes import at_rest
 
 E = 1e9
@@ -66,6 +66,109 @@ def test_reaction_of_a_clamped_beam(comm):
     assert moment == pytest.approx(-np.cross(x, F), abs=1e-6)
     _, elsewhere = equilibrium.reaction(clamp, about=(1.0, 2.0, 3.0))
     assert elsewhere == pytest.approx(moment - np.cross((1.0, 2.0, 3.0), force), abs=1e-6)
+
+
+@pytest.mark.mpi
+def test_moment_of_a_clamped_plate(comm):
+    """The moment of the clamp is that of the load about it.
+
+    The slope is held by energies of the edge, whose forces act on nodes near it, too.
+    """
+    sheet_law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=1e-3)
+    mesh = crossed_sheet(comm, 8, 2, 0.4, 0.1)
+    plate = gx.Plate(mesh, sheet_law, name="plate")
+    clamp = gx.Fixed(plate, "left", rotation=True)
+    loads = [
+        gx.loads.Force(plate.port(corner), (0.0, 0.0, 5e-3), name=corner)
+        for corner in ("top right", "bottom right")
+    ]
+    equilibrium = at_rest(clamp, *loads)
+    arms = [
+        [gx.probes.Position(plate.port(one.name), axis)(equilibrium) for axis in "xyz"]
+        for one in loads
+    ]
+    moment = equilibrium.reaction(clamp)[1]
+    assert moment == pytest.approx(-np.cross(arms, (0.0, 0.0, 5e-3)).sum(axis=0), abs=1e-7)
+    # F L, but for what the tip moves inwards.
+    assert moment[1] == pytest.approx(0.01 * 0.4, rel=0.01)
+
+
+def thrown_against_springs(comm):
+    """A clamped strip with weight, on a rope with damping."""
+    film = gx.Membrane(sheet(comm, 2, 1), LAW, name="strip")
+    clamp = gx.Fixed(film, "left", motion=lambda X, t: np.vstack([0 * X[0], 0 * X[0], X[0] + t]))
+    corner = film.port("top right")
+    hook = gx.Ground(corner.initial() + np.array((0.0, 0.0, 0.5)))
+    rope = gx.connectors.Rope(corner, hook, stiffness=50.0, length=0.3, damping=0.5)
+    return clamp, rope, gx.Scene(clamp, rope, gx.Gravity(film, (0.0, 0.0, -9.81)))
+
+
+@pytest.mark.mpi
+def test_reactions_after_a_restart_are_those_of_the_last_step(comm, folder):
+    clamp, rope, scene = thrown_against_springs(comm)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), checkpoints=gx.Checkpoints(folder))
+    run.run(until=4e-3)
+    probes = {
+        **gx.probes.Reaction.components(clamp, "clamp"),
+        **gx.probes.Reaction.components(rope, "rope", about=(1.0, 0.0, 0.0)),
+    }
+    before = {name: probe(run) for name, probe in probes.items()}
+    clamp, rope, scene = thrown_against_springs(comm)
+    again = gx.Simulation(scene, gx.Midpoint(dt=1e-3), restart=folder)
+    probes = {
+        **gx.probes.Reaction.components(clamp, "clamp"),
+        **gx.probes.Reaction.components(rope, "rope", about=(1.0, 0.0, 0.0)),
+    }
+    assert abs(before["rope force z [N]"]) > 1.0
+    assert abs(before["clamp force z [N]"]) > 1.0
+    assert {name: probe(again) for name, probe in probes.items()} == pytest.approx(before)
+
+
+@pytest.mark.mpi
+def test_force_of_a_tie(comm):
+    """Two strips that are tied and pulled: the tie pulls the second one with the whole force."""
+    first = gx.Membrane(sheet(comm, 2, 1), LAW, name="first")
+    move = {"displacement": lambda X: np.vstack([1 + 0 * X[0], 0 * X[0], 0 * X[0]])}
+    second = gx.Membrane(sheet(comm, 2, 1), LAW, name="second", **move)
+    tie = gx.Tie(first, second, group_a="right", group_b="left")
+    held = gx.Fixed(first, "left")
+    pulled = gx.Fixed(
+        second, "right", motion=lambda X, t: np.vstack([1.01 + 0 * X[0], 0 * X[0], 0 * X[0]])
+    )
+    flat = [
+        gx.Fixed(film, "film", components=(2,), name=f"{film.name} flat")
+        for film in (first, second)
+    ]
+    equilibrium = at_rest(held, pulled, tie, *flat)
+    force = equilibrium.reaction(pulled)[0]
+    assert abs(force[0]) > 100.0
+    assert equilibrium.reaction(tie)[0] == pytest.approx(-force, rel=1e-6, abs=1e-4)
+    assert equilibrium.joint_force(tie)[0] == pytest.approx(-force, rel=1e-6, abs=1e-4)
+
+
+def test_reactions_name_what_they_need(comm):
+    film = gx.Membrane(sheet(comm, 2, 1), LAW, name="strip")
+    held = gx.Fixed(film, "left")
+    weight = gx.Gravity(film, (0.0, 0.0, -9.81))
+    equilibrium = at_rest(held, gx.Fixed(film, "right", name="other"), weight)
+    total = sum(
+        gx.probes.Reaction(one, "z")(equilibrium)
+        for one in equilibrium.system.unknowns.items
+        if isinstance(one, gx.Fixed)
+    )
+    resultant = gx.probes.LoadResultant((0.0, 0.0, 0.0), weight.name, action="force", axis="z")
+    assert total == pytest.approx(-resultant(equilibrium), rel=1e-9)
+    torque = gx.probes.LoadResultant((1.0, 0.0, 0.0), weight.name, action="torque", axis="y")
+    middle = gx.probes.LoadResultant((0.0, 0.0, 0.0), weight.name, action="torque", axis="y")
+    assert torque(equilibrium) - middle(equilibrium) == pytest.approx(resultant(equilibrium))
+    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e3, 0.01), edges="top", name="tape")
+    taped = at_rest(held, gx.Fixed(film, "right", name="other"), tape)
+    with pytest.raises(gx.InputError, match="joins no two bodies and is not on the ground"):
+        gx.probes.Reaction(tape, "x")(taped)
+    with pytest.raises(gx.InputError, match="has no force as a support or joint"):
+        gx.probes.Reaction(weight, "z")(equilibrium)
+    with pytest.raises(gx.InputError, match="not a support or joint of this scene"):
+        gx.probes.Reaction(gx.Fixed(film, "right"), "z")(equilibrium)
 
 
 @pytest.mark.mpi

@@ -59,7 +59,6 @@ DEMOS_THAT_REACH_IN = {
     "studies/stress_rule.py",
     "validation/models/braided_tube.py",
     "validation/models/everting_film.py",
-    "validation/models/hanging_kite.py",
     "validation/models/inflated_cantilever.py",
     "validation/models/tape_spring.py",
 }

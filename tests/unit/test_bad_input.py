@@ -210,6 +210,7 @@ NOT_NEGATIVE = {
     "analysis.Limit": "high",
     "analysis.Prestress": "nu",
     "analysis.find_form": "change",
+    "analysis.StaticCase": "modes",
     "analysis.modes": "above",
     "connectors.Rope": "damping",
     "connectors.RopeBundle": "damping",

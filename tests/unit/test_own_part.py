@@ -7,11 +7,13 @@ import re
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.extend import LawOfRows
 from tests.small_scenes import run_until
 
 PAGE = Path(__file__).parents[2] / "CONTRIBUTING.md"
@@ -95,3 +97,72 @@ def test_its_frequency_is_that_of_the_linear_spring(own: ModuleType) -> None:
 def test_a_wrong_number_is_told_in_one_sentence(own: ModuleType) -> None:
     with pytest.raises(gx.InputError, match="hardening"):
         swinging(own, hardening=-1.0)
+
+
+@pytest.mark.mpi
+def test_its_energy_has_gradients(own: ModuleType, comm) -> None:
+    """A middle point that a force F pushes aside, both others held: k e' = F with e = ½ |2 b|², so
+    ψ = F²/(8k), and dψ/dk = -F²/(8k²)."""
+    middle = gx.PointMass(1.0, (0.0, 0.0, 0.0), name="middle", comm=comm)
+    a, c = (gx.Ground((x, 0.0, 0.0)) for x in (-1.0, 1.0))
+
+    class OnGround(own.BendingSpring):
+        def requires(self):
+            return [middle]
+
+    spring = OnGround((a, middle.port(), c), 50.0, 1e-9, name="spring")
+    scene = gx.Scene(middle, spring, gx.loads.Force(middle.port(), (0.0, 0.0, 3.0)))
+    equilibrium = gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=1e-13))
+    equilibrium.find()
+    found = gx.analysis.gradient(equilibrium, of=gx.analysis.Energy(), by=["spring.stiffness"])
+    assert found.value == pytest.approx(9.0 / (8 * 50.0), rel=1e-6)
+    assert found["spring.stiffness"].values == pytest.approx([-9.0 / (8 * 50.0**2)], rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def slider() -> dict[str, Any]:
+    """What the section on a spring with friction of the tutorial defines."""
+    page = PAGE.parent / "docs" / "tutorials" / "own_part.md"
+    text = page.read_text(encoding="utf-8").split("## A spring with friction")[1]
+    [code] = re.findall(r"```python\n(.*?)```", text.split("\n## ")[0], re.DOTALL)
+    law = code[code.index("def slider") : code.index("@dataclass")]
+    assert len(law.strip().splitlines()) <= 25
+    names: dict[str, Any] = {}
+    exec(compile(code, str(page), "exec"), names)
+    return names
+
+
+@pytest.mark.mpi
+def test_a_law_with_history_goes_on_after_a_restart(
+    slider: dict[str, Any], comm, folder: Path
+) -> None:
+    """Two masses, on two ranks if there are: the run that was stopped in the middle ends as the one
+    that was not, and what friction takes is lost."""
+
+    def run(until: float, **options: Any) -> gx.Simulation:
+        masses = [
+            gx.PointMass(1.0, (x, 0.0, 0.0), velocity=(v, 0.0, 0.0), name=f"m{x}", comm=comm)
+            for x, v in ((0.0, -0.3), (1.0, 0.5))
+        ]
+        a, b = (mass.port() for mass in masses)
+        made = gx.Simulation(
+            gx.Scene(*masses, slider["SlidingSpring"]((a, b))), gx.Midpoint(dt=5e-3), **options
+        )
+        made.run(until=until)
+        return made
+
+    whole = run(0.6)
+    run(0.3, checkpoints=gx.Checkpoints(folder))
+    rest = run(0.6, restart=folder)
+    assert rest.totals.losses == pytest.approx(whole.totals.losses, rel=1e-12)
+    assert rest.totals.kinetic == pytest.approx(whole.totals.kinetic, rel=1e-12)
+    for made in (whole, rest):
+        assert abs(made.energy_error) < 1e-12
+        assert np.abs(made.totals.momentum - made.first.momentum).max() < 1e-12
+    assert whole.totals.losses["slider"] > 0.05
+
+
+@pytest.mark.mpi
+def test_its_law_is_compiled(slider: dict[str, Any], comm) -> None:
+    law = LawOfRows(slider["slider"], 1, {"k": None, "L": None, "F": None}, comm, variables=1)
+    assert law.derivatives == "compiled"

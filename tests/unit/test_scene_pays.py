@@ -72,7 +72,7 @@ ABSENT_PARTS = {
     "outputs.recording",
     "terms.loads",
     "terms.point_constraints",
-    "terms.point_energies",
+    "terms.rows",
     "terms.quadratic_energies",
     "materials.thermal",
     "terms.thermal_strain",

@@ -21,6 +21,7 @@ import pytest
 import gossamer_fx
 from gossamer_fx.app.cli.command import _parser
 from gossamer_fx.app.cli.demo import demos_of
+from gossamer_fx.app.cli.user_files import build_of, check_arguments_of, option
 from gossamer_fx.core.checks.ending import SIGNALS
 from gossamer_fx.core.checks.lazy_names import public_names
 
@@ -123,6 +124,8 @@ def _not_in(text: str, programs: list[str]) -> str:
 def commands(text: str) -> list[list[str]]:
     """Words of every ./gossamer or gossamer command in a page: in fences, and in code between
     backticks."""
+    # A line that ends with a backslash, which is written twice in a docstring, goes on.
+    text = re.sub(r"\\+\n\s*", " ", text)
     lines = [
         line.strip()
         for block in re.findall(r"^```(?:sh)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
@@ -134,10 +137,19 @@ def commands(text: str) -> list[list[str]]:
     return [shlex.split(piece)[1:] for piece in pieces if piece.startswith("./gossamer ")]
 
 
+def _module(scene: Path) -> ModuleType:
+    """The module of a scene file of the demos."""
+    return importlib.import_module(".".join(scene.relative_to(ROOT).with_suffix("").parts))
+
+
 GENERATED = "out/"  # folders of runs that a page makes before
 
 
-@pytest.mark.parametrize("path", PAGES, ids=NAMES)
+# The texts of demos are pages of the gallery.
+WITH_COMMANDS = [*PAGES, *sorted(demos_of(ROOT / "demos").values())]
+
+
+@pytest.mark.parametrize("path", WITH_COMMANDS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_commands_on_pages_are_understood(path: Path) -> None:
     for words in commands(path.read_text(encoding="utf-8")):
         command = words[0]
@@ -158,7 +170,14 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
         elif command in {"run", "plot", "report", "export"}:
             parsed = _parser().parse_args(words)
             if command == "run" and parsed.scene.parts[0] == "demos":
-                assert (ROOT / parsed.scene).is_file(), told
+                scene = ROOT / parsed.scene
+                assert scene.is_file(), told
+                # Its build takes these arguments, of these kinds.
+                check_arguments_of(
+                    build_of(scene, _module(scene)),
+                    scene,
+                    [option(word) for word in parsed.options],
+                )
         elif command in {"test", "python", "mpi"}:
             for word in rest:
                 if "/" in word and not word.startswith(GENERATED):

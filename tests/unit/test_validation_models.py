@@ -21,9 +21,9 @@ from demos.validation.models.capstan import helix, tangent
 from demos.validation.models.despinner import closed_form
 from demos.validation.models.fabric_bulge import LAWS, SLACK_LOAD, Disc
 from demos.validation.models.hanging_kite import (
-    PulleyEnergy,
     bending_share,
     check_fits,
+    pulley,
     shear_stiffness,
     torsional_stiffness,
     twist_between,
@@ -32,19 +32,21 @@ from demos.validation.models.hanging_kite import (
 from demos.validation.models.inflated_cantilever import Cantilever
 from demos.validation.models.skinned_beam import LoadedWing, Wing, sweep
 from demos.validation.models.tape_spring import FirstGuess, Tape, cells_along
+from tests.rows import step_of
 
 
 def test_a_line_over_a_pulley_has_one_tension_and_does_the_work_of_its_energy():
     rng = np.random.default_rng(1)
-    law = PulleyEnergy(k=300.0, L=1.0)
+    numbers = {"k": 300.0, "L": 1.0}
     e0 = rng.uniform(0.05, 0.3, (50, 2))
     e1 = rng.uniform(0.05, 0.3, (50, 2))
-    S, D = law.average(e0, e1)
-    work = (S * (e1 - e0)).sum(axis=1)
-    assert work == pytest.approx(law.energy(e1) - law.energy(e0), rel=1e-12, abs=1e-12)
+    made = step_of(pulley, e0, e1, numbers)
+    change = made.energy - step_of(pulley, e1, e0, numbers).energy
+    work = (made.S * (e1 - e0)).sum(axis=1)
+    assert work == pytest.approx(change, rel=1e-12, abs=1e-12)
     # Both parts pull with S l.
     lengths = np.sqrt(2 * e1)
-    at_end, _ = law.average(e1, e1)
+    at_end = step_of(pulley, e1, e1, numbers).S
     assert at_end[:, 0] * lengths[:, 0] == pytest.approx(at_end[:, 1] * lengths[:, 1])
     is_slack = lengths.sum(axis=1) < 1.0
     assert is_slack.any() and (at_end[is_slack] == 0).all()
@@ -52,8 +54,8 @@ def test_a_line_over_a_pulley_has_one_tension_and_does_the_work_of_its_energy():
     for k in range(2):
         shifted = e1.copy()
         shifted[:, k] += step
-        difference = (law.average(e0, shifted)[0] - S) / step
-        assert difference == pytest.approx(D[:, :, k], rel=1e-3, abs=1e-2)
+        difference = (step_of(pulley, e0, shifted, numbers).S - made.S) / step
+        assert difference == pytest.approx(made.dS[:, :, k], rel=1e-3, abs=1e-2)
 
 
 def test_a_bent_tube_wrinkles_and_tends_to_the_collapse_moment():

@@ -30,7 +30,7 @@ import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.meshes.arrays import mesh_of_arrays
-from gossamer_fx.records.fields.reactions import support_force
+from gossamer_fx.records.fields.reactions import GroundForce
 
 # Lengths over R: of the wall and of the tail at first.
 WALL = 2.0
@@ -199,7 +199,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     for _ in range(round(cells * shape.cell / speed / step)):
         run.run(until=run.time + step)
         # Of all wedges; the support pulls the tail back.
-        force, _ = support_force(run.system, tail, about=(0.0, 0.0, 0.0))
+        force, _ = GroundForce(run.system, tail)()
         tensions.append(-shape.around * float(force[2]))
         if run.step % READ_EVERY == 0:
             readings.append([2 * travel(run.time, speed), *_positions(run, film, shape)])

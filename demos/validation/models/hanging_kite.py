@@ -46,8 +46,16 @@ from demos.common.searches import Effort
 from demos.studies.bent_tube import wrinkled_angle
 from demos.validation.engine.case import Array, Inputs, read_case
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.extend import PointMeasure, PointStoredEnergy, State, Term, check
-from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
+from gossamer_fx.extend import (
+    PointMeasure,
+    Response,
+    Rows,
+    State,
+    Term,
+    check,
+    one_sided_average,
+    positive_part,
+)
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, triangles_of
 from gossamer_fx.meshes.line import line
 
@@ -295,33 +303,19 @@ def _factor(inputs: Inputs, name: str) -> float:
 # ---- lines over pulleys --------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class PulleyEnergy:
+def pulley(e0: Any, e1: Any, z0: Any, h: Any, numbers: Any) -> Response:
     """ψ = ½ k (l_a + l_b - L)² of the lengths l = √(2e) of both parts while they are taut, else
     none.
 
     The mean stresses S_i = k s/l_i, with the mean stretch s of the step and the mean length l_i of
     a part, do the work Δψ: Δe_i = l_i Δl_i.
     """
-
-    k: float
-    L: float
-
-    def energy(self, e: Array) -> Array:
-        """ψ (n,) [J] of the measures e (n, 2) [m²]."""
-        return self.k * one_sided_energy(np.sqrt(2 * e).sum(axis=1) - self.L)
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stresses (n, 2) [N/m], and their derivatives by e1 (n, 2, 2)."""
-        before = np.sqrt(2 * e0)
-        after = np.sqrt(2 * e1)
-        mean = (before + after) / 2
-        stretch, slope = one_sided_average(before.sum(axis=1) - self.L, after.sum(axis=1) - self.L)
-        S = self.k * stretch[:, None] / mean
-        D = self.k * slope[:, None, None] / (mean[:, :, None] * after[:, None, :])
-        own = S / (2 * mean * after)
-        D -= own[:, :, None] * np.eye(2)
-        return S, D
+    before = [np.sqrt(2 * e) for e in e0]
+    after = [np.sqrt(2 * e) for e in e1]
+    y1 = sum(after) - numbers.L
+    tension = numbers.k * one_sided_average(sum(before) - numbers.L, y1)
+    stress = [2 * tension / (start + end) for start, end in zip(before, after, strict=True)]
+    return Response(stress, energy=numbers.k * positive_part(y1) ** 2 / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,11 +343,7 @@ class PulleyLine:
             np.zeros((2, 9)),
             np.zeros(2),
         )
-        yield PointStoredEnergy(
-            self.name,
-            measure,
-            PulleyEnergy(self.stiffness, self.length),
-        )
+        yield Rows(self.name, measure, pulley, {"k": self.stiffness, "L": self.length})
 
 
 # ---- the scene -----------------------------------------------------------------------------------

@@ -8,18 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.analysis.cases.recorded_numbers import recorded_numbers
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.records.run.case import Case
 from gossamer_fx.records.run.checkpoint import Checkpoints
 
-# build(comm, **values): a `Case`, or numbers by name of a run that it has made itself.
-Build = Callable[..., Case | Mapping[str, Any]]
+if TYPE_CHECKING:
+    from gossamer_fx.analysis.cases.static_case import StaticCase
+
+# build(comm, **values): a case, or numbers by name of a run that it has made itself.
+Build = Callable[..., "Case | StaticCase | Mapping[str, Any]"]
 
 
 class CaseRuns:
@@ -48,7 +51,7 @@ class CaseRuns:
 
         Returns:
             Numbers by name, the same on every rank: what `build` returns if that is not a case;
-            else those of `_probe_numbers`, each with its unit in the name, and the dimensionless
+            else those of `recorded_numbers`, each with its unit in the name, and the dimensionless
             "energy error", "steps" and "iterations a step".
 
         Raises:
@@ -63,10 +66,17 @@ class CaseRuns:
         case = self._build(comm, **values)
         if isinstance(case, Mapping):
             return case
+        if not isinstance(case, Case):
+            # Imported here: runs need no equilibria.
+            from gossamer_fx.analysis.cases.static_case import StaticCase
+
+            if isinstance(case, StaticCase):
+                # What a search that was killed has left is replaced: it has no result.
+                return case.compute(folder, overwrite=True)
         check(
             isinstance(case, Case),
-            f"build returns {type(case).__name__}; let it return a gossamer_fx.Case, or numbers by "
-            "name.",
+            f"build returns {type(case).__name__}; let it return a gossamer_fx.Case or StaticCase, "
+            "or numbers by name.",
         )
         saves = folder / "checkpoints"
         is_restart = comm.bcast(any(saves.glob("step-*")))
@@ -75,35 +85,8 @@ class CaseRuns:
         outputs: list[Output] = [case.recording(folder, overwrite=True)]
         run = case.simulation(outputs, Checkpoints(saves), restart)
         run.run(until=case.until)
-        numbers = dict(on_rank_zero(comm, lambda: _probe_numbers(folder)) or {})
-        numbers = dict(comm.bcast(numbers))
+        numbers = recorded_numbers(comm, folder)
         numbers["energy error"] = run.energy_error
         numbers["steps"] = float(run.step)
         numbers["iterations a step"] = run.iterations / max(run.step, 1)
         return numbers
-
-
-def _probe_numbers(folder: Path) -> dict[str, float]:
-    """Results of a recorded run by name: of its probes and of the pressures of its chambers.
-
-    Returns:
-        "... at the end" for each probe, in the unit of the probe, "... pressure [Pa] at the end"
-        for each chamber, then "... smallest" and "... largest" for each probe: the picture has room
-        for the first ones.
-
-    Raises:
-        InputError: the folder holds no run.
-    """
-    from gossamer_fx.records.plot.run_reader import RunReader
-
-    run = RunReader(folder)
-    columns = run.table("probes.csv").items()
-    probes = {name: values for name, values in columns if name not in run.not_values}
-    numbers = {f"{name} at the end": float(values[-1]) for name, values in probes.items()}
-    for name, values in run.table("gas.csv").items():
-        if name.endswith(" pressure"):
-            numbers[f"{name} [Pa] at the end"] = float(values[-1])
-    for name, values in probes.items():
-        numbers[f"{name} smallest"] = float(np.min(values))
-        numbers[f"{name} largest"] = float(np.max(values))
-    return numbers

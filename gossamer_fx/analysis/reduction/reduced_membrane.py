@@ -40,8 +40,8 @@ from gossamer_fx.mechanics.bodies.plate import Plate
 from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
-from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
+from gossamer_fx.mechanics.terms.rows import AttachedKineticEnergy
 
 
 class WeightedMeasure:

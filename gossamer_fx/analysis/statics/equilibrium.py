@@ -19,7 +19,7 @@ from gossamer_fx.core.checks.arguments import check_arguments, collective
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
-from gossamer_fx.records.fields.reactions import Joint, NamedPart, joint_force, support_force
+from gossamer_fx.records.fields.reactions import GroundForce, Joint, NamedPart, joint_force
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
@@ -172,11 +172,14 @@ class Equilibrium:
     def reaction(
         self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] about a point [m] that an item which fixes or prescribes
-        coordinates exerts in the equilibrium found last, (3,) each.  Supports that hold the same
-        coordinate of a node, e.g. of a corner, bear equal parts of its force."""
+        """Force [N] and moment [N m] about a point [m] that the ground exerts through an item in
+        the equilibrium found last, (3,) each; `gx.probes.Reaction` is the probe.
+
+        The item is a support, which fixes or prescribes coordinates, a joint, or a spring, rope or
+        the like; of one between two bodies it is what its side `b` bears.  Supports that hold the
+        same coordinate of a node, e.g. of a corner, bear equal parts of its force."""
         self.need("reaction")
-        return support_force(self.system, support, about)
+        return GroundForce(self.system, support)(about)
 
     @check_arguments
     def joint_force(

@@ -42,14 +42,14 @@ from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.forms.backend import cell_nodes, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.quality import extent
-from gossamer_fx.core.model.body import Array, combine
+from gossamer_fx.core.model.body import combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.cable import CableLaw
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.tape import Tape
 from gossamer_fx.mechanics.materials.film import FilmLaw, IsotropicFilm
-from gossamer_fx.mechanics.terms.point_energies import PointStoredEnergy
+from gossamer_fx.mechanics.terms.rows import Response, Rows
 from gossamer_fx.solve.scene.scene import Scene
 
 
@@ -85,17 +85,9 @@ class Prestress(IsotropicFilm):
         return c.tension * (e[0] + e[1])
 
 
-@dataclass(frozen=True)
-class ConstantTension:
-    """The law ψ(e) = e of a point energy: its force does not depend on its measure e."""
-
-    def energy(self, e: Array) -> Array:
-        """ψ [J], (n,), of the measures (n, 1)."""
-        return e[:, 0]
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean of ψ' between measures e0 and e1 (n, 1), one, and its derivative by e1, zero."""
-        return np.ones_like(e1), np.zeros((*e1.shape, 1))
+def constant_tension(e0: Any, e1: Any, z0: Any, h: Any, numbers: Any) -> Response:
+    """ψ(e) = e [J], whose force does not depend on its measure e."""
+    return Response([1.0], energy=e1[0])
 
 
 @check_arguments
@@ -148,7 +140,7 @@ class EdgeCable:
             weights = (float(root), -float(root))
             vectors.append((combine(weights, (b, a)),))
         measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2)
-        yield PointStoredEnergy(self.name, measure, ConstantTension())
+        yield Rows(self.name, measure, constant_tension)
 
 
 @check_arguments

@@ -24,8 +24,11 @@ if TYPE_CHECKING:
 
     from mpi4py import MPI
 
+    from gossamer_fx.analysis.cases.static_case import StaticCase
     from gossamer_fx.mechanics.bodies.membrane import Membrane
+    from gossamer_fx.records.outputs.output import Output
     from gossamer_fx.records.run.case import Case
+    from gossamer_fx.solve.view import StateView
 
 # Environment variables by which mpirun or a batch system shows that it started this process.
 # Slurm sets SLURM_PROCID in the script of a job, too, which is not a rank.
@@ -241,7 +244,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "scene",
         type=Path,
-        help="Python file with a function build(comm, ...) that returns a gx.Case",
+        help="Python file with a function build(comm, ...) that returns a gx.Case, or a "
+        "gx.analysis.StaticCase",
     )
     run.add_argument("options", nargs="*", metavar="NAME=VALUE", help="further arguments of build")
     run.add_argument(
@@ -422,8 +426,8 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """
     from gossamer_fx.core.checks.ending import Interrupted
     from gossamer_fx.core.checks.errors import check
-    from gossamer_fx.records.outputs.output import Output
     from gossamer_fx.records.outputs.progress import Progress
+    from gossamer_fx.records.run.case import Case
     from gossamer_fx.records.run.checkpoint import Checkpoints
     from gossamer_fx.records.run.log import log_to
 
@@ -455,6 +459,9 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
         watchers.append(NoProgress(comm, wanted.no_progress_after, wanted.scene))
     case = _case(wanted, comm)
+    if not isinstance(case, Case):
+        _compute(wanted, case, folder, watchers)
+        return
     if wanted.dry_run:
         _show(case, comm, restart, changes)
         return
@@ -477,6 +484,40 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         print(f"written to {folder}; look at it with: ./gossamer report {folder}")
 
 
+def _compute(
+    wanted: argparse.Namespace, case: StaticCase, folder: Path, watchers: Sequence[Output]
+) -> None:
+    """Find and record the equilibria of a static case: `gossamer run`.  Collective.
+
+    Raises:
+        InputError: options of runs that go on in time, or what is wrong with the scene.
+        NoEquilibrium: the equilibria before are written.
+        OutputFailure: a file could not be written.
+    """
+    from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.records.run.log import log_to
+
+    comm = case.equilibrium.comm
+    check(
+        not (wanted.restart or wanted.changed),
+        f"build in '{wanted.scene}' returns a StaticCase, which is always computed from the start; "
+        "leave --restart and --changed out.",
+    )
+    if wanted.dry_run:
+        _describe(case.equilibrium, comm, "nothing was computed")
+        return
+    log_to(comm, wanted.log, quiet=wanted.quiet)
+    numbers = case.compute(folder, watchers, overwrite=wanted.overwrite)
+    if comm.rank == 0 and not wanted.quiet:
+        result = case.equilibrium.result
+        if result is not None:
+            print(result.summary())
+        for name, value in numbers.items():
+            if not name.endswith((" smallest", " largest")):
+                print(f"  {name}: {value:.6g}")
+        print(f"written to {folder}; look at it with: ./gossamer report {folder}")
+
+
 def _show(case: Case, comm: MPI.Intracomm, restart: Path | None, changes: list[str]) -> None:
     """Compile a case, and print what it contains and what is strange about it, at its start or at
     the checkpoint from which it would go on.  Collective.
@@ -486,31 +527,38 @@ def _show(case: Case, comm: MPI.Intracomm, restart: Path | None, changes: list[s
     Raises:
         InputError: what is wrong with the scene or the checkpoint.
     """
+    run = case.simulation(restart=restart, changes=changes)
+    steps = max(case.until - run.time, 0.0) / case.stepper.dt
+    _describe(
+        run,
+        comm,
+        f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; nothing "
+        "was computed",
+    )
+
+
+def _describe(view: StateView, comm: MPI.Intracomm, words: str) -> None:
+    """Print what a scene contains, the words, and what is strange about the scene.  Collective."""
     from gossamer_fx.mechanics.bodies.membrane import Membrane
     from gossamer_fx.records.outputs.description import describe, lines
     from gossamer_fx.records.probes.contact import Crossings
     from gossamer_fx.solve.scene.validation import warnings
 
-    run = case.simulation(restart=restart, changes=changes)
-    about = describe(run)
-    strange = list(warnings(run.scene.items))
-    films = [body for body in run.system.unknowns.bodies if isinstance(body, Membrane)]
+    about = describe(view)
+    strange = list(warnings(view.scene.items))
+    films = [body for body in view.system.unknowns.bodies if isinstance(body, Membrane)]
     # This search takes too long for every run; a dry run has the time.
-    crossings = Crossings(*films)(run) if films else 0
+    crossings = Crossings(*films)(view) if films else 0
     if crossings:
         strange.append(f"{crossings:.0f} edges of films intersect films at the start.")
     sides = list(_sides(films))
     if comm.rank == 0:
-        steps = max(case.until - run.time, 0.0) / case.stepper.dt
         print("\n".join(lines(about)))
-        for words in sides:
-            print(words)
-        print(
-            f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; "
-            "nothing was computed"
-        )
-        for words in strange:
-            print(f"warning: {words}")
+        for side in sides:
+            print(side)
+        print(words)
+        for one in strange:
+            print(f"warning: {one}")
 
 
 def _sides(films: Iterable[Membrane]) -> Iterator[str]:
@@ -529,8 +577,8 @@ def _sides(films: Iterable[Membrane]) -> Iterator[str]:
             )
 
 
-def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
-    """The `Case` that the function `build` of a scene file returns.  Collective.
+def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case | StaticCase:
+    """The `Case` or `StaticCase` that the function `build` of a scene file returns.  Collective.
 
     Raises:
         InputError: the file does not exist, it has no `build`, or `build` has other arguments or
@@ -540,7 +588,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     import inspect
 
     from gossamer_fx.app.cli.user_files import build_of, check_arguments_of, guarded, load, option
-    from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.core.checks.errors import InputError, check
     from gossamer_fx.records.run.case import Case
 
     path: Path = wanted.scene
@@ -569,11 +617,15 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
         not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE."
     )
     case = guarded(comm, path, wanted.debug, lambda: build(comm, **options))
-    check(
-        isinstance(case, Case),
-        f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case. What "
-        "is not run in time, such as an equilibrium, is computed by a Python script.",
-    )
+    if isinstance(case, Case):
+        return case
+    from gossamer_fx.analysis.cases.static_case import StaticCase
+
+    if not isinstance(case, StaticCase):
+        raise InputError(
+            f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case, "
+            "or a gossamer_fx.analysis.StaticCase of an equilibrium."
+        )
     return case
 
 

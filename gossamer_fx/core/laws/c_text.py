@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ufl.classes import (
+    Atan2,
     Conditional,
     Constant,
     Division,
@@ -111,6 +112,8 @@ def _text(expression: Expr, scope: _Scope) -> str:
         text = " / ".join(parts)
     elif isinstance(expression, Power):
         text = f"power({parts[0]}, {parts[1]})"
+    elif isinstance(expression, Atan2):
+        text = f"atan2({parts[0]}, {parts[1]})"
     elif isinstance(expression, MathFunction):
         name = expression._name
         text = f"{C_FUNCTIONS.get(name, name)}({parts[0]})"
@@ -193,7 +196,7 @@ def _tree_text(tree: Branch | Leaf, outer: _Scope, by: Sequence[Expr], orders: i
 
 def c_text(tree: Any, inputs: Sequence[Expr], by: Sequence[int], orders: int) -> str:
     """Return the C function `law` of a traced law: it sets outputs f, and df (outputs, by) and ddf
-    (outputs, by, by) unless they are null.
+    (outputs, by, by) unless they are null; and `rows`, which does so for each of n rows of inputs.
 
     Args:
         tree: what `tracing.trace` returns.
@@ -208,7 +211,16 @@ def c_text(tree: Any, inputs: Sequence[Expr], by: Sequence[int], orders: int) ->
     for number, variable in enumerate(inputs):
         scope.names[_constant(variable)] = f"x[{number}]"
     body = _tree_text(tree, scope, [inputs[number] for number in by], orders)
+    outputs = _output_count(tree)
     return (
         f"{PRELUDE}\nvoid law(const double *restrict x, double *restrict f, double *restrict df, "
         f"double *restrict ddf)\n{{\n(void)x; (void)df; (void)ddf;\n{body}\n}}\n"
+        "\nvoid rows(long n, const double *x, double *f, double *df)\n{\n"
+        f"for (long i = 0; i < n; ++i)\nlaw(x + {len(inputs)} * i, f + {outputs} * i, "
+        f"df ? df + {outputs * len(by)} * i : 0, 0);\n}}\n"
     )
+
+
+def _output_count(tree: Branch | Leaf) -> int:
+    """How many numbers a traced law returns."""
+    return len(tree.outputs) if isinstance(tree, Leaf) else _output_count(tree.holds)

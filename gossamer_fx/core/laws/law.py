@@ -67,14 +67,17 @@ DIFFERENCE_STEP = 6e-6
 # As of `forms.c_source`, without vectorisation, which a law has no loops for
 OPTIONS = ("-fno-math-errno", "-ffp-contract=off")
 
-SIGNATURE = "void law(const double *x, double *f, double *df, double *ddf);"
+SIGNATURES = """
+void law(const double *x, double *f, double *df, double *ddf);
+void rows(long n, const double *x, double *f, double *df);
+"""
 
 
 @cache
 def _ffi() -> Any:
     """The declarations of laws, as cffi reads them."""
     ffi = cffi.FFI()
-    ffi.cdef(SIGNATURE)
+    ffi.cdef(SIGNATURES)
     ffi.cdef("typedef void (*law_function)(const double *, double *, double *, double *);")
     return ffi
 
@@ -136,6 +139,32 @@ class Law:
         self.raise_error()
         return tuple(arrays)
 
+    def of_rows(self, x: Array, *, slopes: bool = True) -> tuple[Array, Array]:
+        """Return outputs (n, outputs) and first derivatives (n, outputs, by) of n rows of inputs x
+        (n, inputs); without `slopes` the derivatives are empty.
+
+        Example:
+            >>> from mpi4py import MPI
+            >>> from gossamer_fx.core.laws.law import compile_law
+            >>> law = compile_law(lambda x, k: k * x, by=("x",), comm=MPI.COMM_SELF)
+            >>> law.of_rows(np.array([[1.0, 2.0], [3.0, 4.0]]))[0].tolist()
+            [[2.0], [12.0]]
+        """
+        n = len(x)
+        outputs = np.zeros((n, self.output_count))
+        shape = (n, self.output_count, len(self.by))
+        derivatives = np.zeros(shape if slopes else (0,))
+        self._compute_rows(np.ascontiguousarray(x), outputs, derivatives)
+        self.raise_error()
+        return outputs, derivatives
+
+    def _compute_rows(self, x: Array, outputs: Array, derivatives: Array) -> None:
+        """Write outputs, and derivatives unless that array is empty."""
+        for number in range(len(x)):
+            outputs[number], slopes = self(*x[number].tolist())[:2]
+            if derivatives.size:
+                derivatives[number] = slopes
+
     def raise_error(self) -> None:
         """Raise what the law raised since the last call of this method; C cannot."""
 
@@ -157,6 +186,13 @@ class CompiledLaw(Law):
         # It keeps the code of the function.
         self._library = library
         self.address = int(_ffi().cast("intptr_t", library.law))
+
+    def _compute_rows(self, x: Array, outputs: Array, derivatives: Array) -> None:
+        ffi = _ffi()
+        buffers = [ffi.from_buffer("double[]", array) for array in (x, outputs, derivatives)]
+        if not derivatives.size:
+            buffers[2] = ffi.NULL
+        self._library.rows(len(x), *buffers)
 
 
 class PythonLaw(Law):

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import basix.ufl
+import numpy as np
 import ufl
 from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.classes import Zero
@@ -244,6 +245,10 @@ class Symbol:
         """The angle of a tangent [rad]."""
         return Symbol(ufl.atan(self.expression))
 
+    def arctan2(self, other: Number) -> Symbol:
+        """The angle [rad] of a point with itself as second coordinate and the other as first."""
+        return self._combine(other, ufl.atan2)
+
 
 class _Run:
     """One run of a law: the answers that are given to its comparisons, and the equations of it that
@@ -338,13 +343,16 @@ def _excess(residual: Callable[[Number], Number], unknown: Expr) -> Expr:
 
 def at_most(first: Number, second: Number, holds: Number, fails: Number) -> Number:
     """`holds` if first ≤ second, else `fails`, for values whose derivatives are finite on both
-    sides: in symbols both are computed, and the law has no further branch.
+    sides: in symbols both are computed, and the law has no further branch.  Of arrays each entry is
+    chosen by itself.
 
     Example:
         >>> at_most(1.0, 2.0, holds=3.0, fails=4.0)
         3.0
     """
     given = (first, second, holds, fails)
+    if any(isinstance(number, np.ndarray) for number in given):
+        return np.where(first <= second, holds, fails)
     if not any(isinstance(number, Symbol) for number in given):
         return holds if first.real <= second.real else fails
     low, high, yes, no = (_expression(number) for number in given)

@@ -179,7 +179,7 @@ def engineering_strain(e: Expr) -> Expr:
 
 def mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
     """Average of max(y, 0) along the straight path from y0 to y1, in UFL;
-    `terms.point_energies.one_sided_average` has the same in NumPy and says how."""
+    `terms.rows.one_sided_average` is the same for laws of numbers, and says how."""
     positive0 = ufl.max_value(y0, 0.0)
     positive1 = ufl.max_value(y1, 0.0)
     passes_zero = ufl.lt(y0 * y1, 0.0)

@@ -32,75 +32,70 @@ Limits.  Cycles below the largest strain dissipate nothing.  A slack cord is lon
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.mechanics.bodies.piecewise_force import Corners, TabulatedBars
-from gossamer_fx.mechanics.terms.point_energies import PathDensity
+from gossamer_fx.core.laws.tracing import Number, at_most
+from gossamer_fx.mechanics.bodies.piecewise_force import Corners, corners_in, stretch_of
+from gossamer_fx.mechanics.terms.rows import Response, positive_part
 
 # A fall of D over the force that counts as round-off, as where both curves are one straight line.
 ROUND_OFF = 1e-12
 
+# Rise of a flat part of an unloading curve over its largest force
+FLAT = 1e-12
+
 
 @dataclass(frozen=True, eq=False)
 class Hysteresis:
-    """Forces of cords by equations (1) and (2) of the module, for arrays of strains.
+    """Forces of cords by equations (1) and (2) of the module.
+
+    Strains in the methods are numbers, symbols of a law, or arrays.
 
     Attributes:
-        loading: corners of the loading curve N_l, with those in compression.
+        tension, compression: corners of the loading curve N_l on both sides.
         unloading: corners of the unloading curve v in tension.
+        slack: corners of the strain of v as a function of its force, from that of its first corner.
         end: strain y_m of the last point of the unloading curve.
     """
 
-    loading: Corners
+    tension: Corners
+    compression: Corners
     unloading: Corners
-    end: float
+    slack: Corners
+    end: Number
 
-    @cached_property
-    def _tension(self) -> Corners:
-        return _of_side(self.loading, 1)
-
-    @cached_property
-    def _compression(self) -> Corners:
-        return _of_side(self.loading, -1)
-
-    def branch(self, X: Array) -> Corners:
-        """N_u(x; X) as corners (n, k), of the turning points X (n,)."""
+    def branch(self, X: Any) -> Corners:
+        """N_u(x; X) of the turning point X."""
         v = self.unloading
-        turning_force = self._tension.force(X)
-        end_force = float(v.force(np.array(self.end)))
+        turning_force = self.tension.force(X)
+        end_force = v.force(self.end)
         # The strain of v, continued with its last slope, that is moved to the turning point.
-        top = self.end + np.maximum(turning_force - end_force, 0.0) / v.slope_changes.sum()
+        top = self.end + positive_part(turning_force - end_force) / sum(v.slope_changes)
         # Corners below the force at which the branch is cut move to where it is cut: their slopes
         # add up to the slope there.
-        slack = self._unloading_strain(np.maximum(end_force - turning_force, 0.0))
-        strains = np.maximum(v.strains, slack[..., None]) + (X - top)[..., None]
-        return replace(v, strains=strains)
-
-    def _unloading_strain(self, force: Array) -> Array:
-        """The strain at which v has a force up to that of its end."""
-        points = np.append(self.unloading.strains, self.end)
-        return np.interp(force, self.unloading.force(points), points)
+        slack = v.strains[0] + self.slack.force(positive_part(end_force - turning_force))
+        strains = []
+        for y in v.strains:
+            strains.append(_larger(y, slack) + X - top)
+        return Corners(strains, v.sides, v.slope_changes)
 
     def check_losses(self, last: float) -> None:
         """Raise `InputError` if there is a strain, up to the last one of the loading curve, up to
         which a cycle would gain energy."""
-        tension = self._tension
+        tension = self.tension
         points = np.append(tension.strains, last)
         # D' is linear between corners of N_l and of δ.  δ has a corner where (1) is cut at a corner
         # of v, as the turning force is v_m less the force there.
         v = self.unloading
-        turning_forces = v.force(np.array(self.end)) - v.force(v.strains)
+        turning_forces = v.force(self.end) - v.force(np.asarray(v.strains))
         X = np.unique([*points, *np.interp(turning_forces, tension.force(points), points)])
         force = tension.force(X)
         slope = np.diff(force) / np.diff(X)
-        δ = X - self.branch(X).strains[:, 0]
+        δ = X - self.branch(X).strains[0]
         # D' at the beginnings of the intervals, then at their ends.
         for end in (slice(None, -1), slice(1, None)):
             growth = force[end] - δ[end] * slope
@@ -111,84 +106,75 @@ class Hysteresis:
                 "energy, as the unloading curve is not steep enough; give a steeper one.",
             )
 
-    def energy(self, x: Array, X: Array) -> Array:
-        """W [J/m] of strains x up to the largest ones X (n,), in tension and compression."""
-        return self._compression.energy(x) + self.branch(X).energy(x)
+    def energy(self, x: Any, X: Any) -> Any:
+        """W [J/m] of strains x up to the largest ones X, in tension and compression."""
+        return self.compression.energy(x) + self.branch(X).energy(x)
 
-    def dissipated(self, X: Array) -> Array:
+    def dissipated(self, X: Any) -> Any:
         """D(X) [J/m]."""
-        return self._tension.energy(X) - self.branch(X).energy(X)
+        return self.tension.energy(X) - self.branch(X).energy(X)
 
-    def average(self, x0: Array, x1: Array, X: Array) -> tuple[Array, Array]:
-        """Force [N] averaged over the path from x0 to x1 (n,), and its derivative by x1, if the
-        largest strain before is X.  Only x1, or both if they are equal, may be beyond X."""
-        compression, compression_slope = self._compression.average(x0, x1)
-        below, slope_below = self.branch(X).average(np.minimum(x0, X), np.minimum(x1, X))
-        above, slope_above = self._tension.average(np.maximum(x0, X), np.maximum(x1, X))
-        # The share of the path on the loading curve, and how it grows with x1.
-        passes = (x0 < X) & (x1 > X)
-        change = np.where(passes, x1 - x0, 1.0)
-        share = np.where(passes, (x1 - X) / change, np.where(x1 > X, 1.0, 0.0))
-        growth = np.where(passes, (1 - share) / change, 0.0)
-        force = compression + (1 - share) * below + share * above
-        slope = np.where(x1 > X, share * slope_above, slope_below)
-        return force, compression_slope + slope + growth * (above - below)
+    def average(self, x0: Any, x1: Any, X: Any) -> Any:
+        """Force [N] averaged over the path from x0 to x1, if the largest strain before is X.  Only
+        x1, or both if they are equal, may be beyond X."""
+        below = self.branch(X).average(_smaller(x0, X), _smaller(x1, X))
+        above = self.tension.average(_larger(x0, X), _larger(x1, X))
+        # The share of the path on the loading curve.
+        is_beyond = at_most(x1, X, holds=0.0, fails=1.0)
+        passes = at_most(X, x0, holds=0.0, fails=is_beyond)
+        change = at_most(passes, 0.5, holds=1.0, fails=x1 - x0)
+        share = at_most(passes, 0.5, holds=is_beyond, fails=(x1 - X) / change)
+        return self.compression.average(x0, x1) + (1 - share) * below + share * above
+
+    def as_numbers(self) -> dict[str, Any]:
+        """Numbers of `Rows`, from which `hysteretic_bar` makes it."""
+        numbers = {"end": self.end}
+        for name in CURVES:
+            numbers |= getattr(self, name).as_numbers(f"{name}_")
+        return numbers
 
 
-def _of_side(corners: Corners, side: int) -> Corners:
-    """The corners in tension (1) or in compression (-1)."""
-    of_side = corners.sides == side
-    return replace(
-        corners,
-        strains=corners.strains[of_side],
-        sides=corners.sides[of_side],
-        slope_changes=corners.slope_changes[of_side],
+# Attributes of `Hysteresis` that are corners
+CURVES = ("tension", "compression", "unloading", "slack")
+
+
+def _larger(x: Any, y: Any) -> Any:
+    return at_most(x, y, holds=y, fails=x)
+
+
+def _smaller(x: Any, y: Any) -> Any:
+    return at_most(x, y, holds=x, fails=y)
+
+
+def hysteresis_of(loading: Corners, unloading: Corners, end: float) -> Hysteresis:
+    """The hysteresis of two curves; `end`: last strain of the unloading curve."""
+    points = np.append(unloading.strains, end)
+    forces = unloading.force(points)
+    # A flat part of the curve is taken as one of hardly any slope.
+    rises = np.maximum(np.diff(forces), FLAT * forces[-1])
+    slack = Corners(
+        strains=forces[:-1],
+        sides=np.ones(len(rises)),
+        slope_changes=np.diff(np.diff(points) / rises, prepend=0.0),
     )
+    return Hysteresis(loading.of_side(1), loading.of_side(-1), unloading, slack, end)
 
 
-@dataclass(frozen=True, eq=False)
-class HystereticBars(TabulatedBars, PathDensity):
-    """The energies of bars as of `TabulatedBars`, with hysteresis and its history.
-
-    Attributes:
-        law: force of the bars, in place of `corners`.
-        numbers: positions (n,) of this rank's bars in the whole line.
-        largest: X (n,), the largest strains so far; changed in place.
-        comm: on whose ranks the bars are.
-    """
-
-    law: Hysteresis
-    numbers: Indices
-    largest: Array
-    comm: MPI.Intracomm
-
-    def energy(self, e: Array) -> Array:
-        """Stored energies [J] (n,) of the strains ε (n, 1), which may be beyond `largest`."""
-        x = self.strain(e)
-        # A strain that was just reached is one from which the cord unloads.
-        return self.lengths * self.law.energy(x, np.maximum(x, self.largest))
-
-    def mean_force(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        return self.law.average(x0, x1, self.largest)
-
-    def take(self, e: Array) -> None:
-        """Raise the largest strains to accepted ones, ε (n, 1)."""
-        np.maximum(self.largest, self.strain(e), out=self.largest)
-
-    def loss(self, e0: Array, e1: Array) -> Array:
-        """Growth [J] (n,) of D, equation (2) of the module, from ε e0 to e1 (n, 1)."""
-        before = np.maximum(self.strain(e0), self.largest)
-        after = np.maximum(self.strain(e1), self.largest)
-        return self.lengths * (self.law.dissipated(after) - self.law.dissipated(before))
-
-    def get_history(self) -> dict[str, Any]:
-        """The largest strain of each bar, in the order of the line.  Collective."""
-        mine = [(int(k), float(X)) for k, X in zip(self.numbers, self.largest, strict=True)]
-        of_all_ranks = sorted(bar for of_rank in self.comm.allgather(mine) for bar in of_rank)
-        return {"largest strains": [largest for _, largest in of_all_ranks]}
-
-    def shape_history(self) -> dict[str, Any]:
-        return self.get_history()
-
-    def set_history(self, state: dict[str, Any]) -> None:
-        self.largest[:] = np.array(state["largest strains"])[self.numbers]
+def hysteretic_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """Energy and loss of a bar with hysteresis, as a function of ε = ½(λ² - 1); its history is the
+    largest strain X so far."""
+    corners = {name: corners_in(numbers, f"{name}_") for name in CURVES}
+    curves = Hysteresis(**corners, end=numbers.end)
+    λ0 = stretch_of(e0[0])
+    λ1 = stretch_of(e1[0])
+    [X] = z0
+    # A strain that was just reached is one from which the cord unloads.
+    before = _larger(λ0 - 1, X)
+    after = _larger(λ1 - 1, X)
+    L = numbers.length
+    return Response(
+        [L * curves.average(λ0 - 1, λ1 - 1, X) / ((λ0 + λ1) / 2)],
+        energy=L * curves.energy(λ1 - 1, after),
+        loss=L * (curves.dissipated(after) - curves.dissipated(before)),
+        history=[after],
+    )

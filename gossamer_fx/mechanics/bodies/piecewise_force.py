@@ -5,84 +5,78 @@ Equations (1) to (3) are those of `tabulated_cable`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
+from gossamer_fx.core.laws.tracing import Number, at_most
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.cable import MIN_SQUARED_STRETCH, CableLaw, TensionOnly
-from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
+from gossamer_fx.mechanics.terms.rows import Response, one_sided_average, positive_part
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
     """Corners of a piecewise linear force, equations (1) and (2) of `tabulated_cable`.
 
+    Strains in the methods are numbers, symbols of a law, or arrays of any shape.
+
     Attributes:
         strains: x_i (n,).
         sides: s_i (n,), 1 or -1.
         slope_changes: c_i (n,) [N].
-        stiffness: slope [N] at zero strain in tension.
     """
 
-    strains: Array
-    sides: Array
-    slope_changes: Array
-    stiffness: float
+    strains: Sequence[Any] | Array
+    sides: Sequence[Any] | Array
+    slope_changes: Sequence[Any] | Array
 
-    def force(self, x: Array) -> Array:
-        """N(x) [N] of strains of any shape."""
-        forces = self.slope_changes * self.sides * np.maximum(self._beyond(x), 0.0)
-        return forces.sum(axis=-1)
+    def _rows(self) -> Iterator[tuple[Any, Any, Any]]:
+        return zip(self.strains, self.sides, self.slope_changes, strict=True)
 
-    def energy(self, x: Array) -> Array:
-        """W(x) [J/m] of strains of any shape."""
-        return (self.slope_changes * one_sided_energy(self._beyond(x))).sum(axis=-1)
+    def force(self, x: Any) -> Any:
+        """N(x) [N]."""
+        return sum((c * s * positive_part(s * (x - corner)) for corner, s, c in self._rows()), 0.0)
 
-    def average(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        """N [N] averaged over the path from x0 to x1, of any shape, and its derivative by x1."""
-        mean, slope = one_sided_average(self._beyond(x0), self._beyond(x1))
-        force = (self.slope_changes * self.sides * mean).sum(axis=-1)
-        stiffness = (self.slope_changes * slope).sum(axis=-1)
-        return force, stiffness
+    def energy(self, x: Any) -> Any:
+        """W(x) [J/m]."""
+        return sum((c * positive_part(s * (x - y)) ** 2 / 2 for y, s, c in self._rows()), 0.0)
 
-    def _beyond(self, x: Array) -> Array:
-        """How far strains are beyond each corner, with a last axis of n corners."""
-        return self.sides * (x[..., None] - self.strains)
+    def average(self, x0: Any, x1: Any) -> Any:
+        """N [N] averaged over the path from x0 to x1."""
+        total = 0.0
+        for corner, s, c in self._rows():
+            total = total + c * s * one_sided_average(s * (x0 - corner), s * (x1 - corner))
+        return total
+
+    def of_side(self, side: int) -> Corners:
+        """Those in tension (1) or in compression (-1)."""
+        chosen = np.asarray(self.sides) == side
+        columns = (self.strains, self.sides, self.slope_changes)
+        return Corners(*(np.asarray(column)[chosen] for column in columns))
+
+    def as_numbers(self, prefix: str = "") -> dict[str, Array]:
+        """Numbers of `Rows`, from which a law makes the corners by `corners_in`."""
+        return {f"{prefix}{name}": np.asarray(column)[None] for name, column in vars(self).items()}
 
 
-@dataclass(frozen=True, eq=False)
-class TabulatedBars:
-    """Energy L W(x) of bars with natural lengths L [m], as a function of ε = ½(λ² - 1).
+def corners_in(numbers: Any, prefix: str = "") -> Corners:
+    """The corners among the numbers of a law."""
+    names = (f"{prefix}{field.name}" for field in fields(Corners))
+    return Corners(*(getattr(numbers, name) for name in names))
 
-    It is the `terms.discrete_gradient.PointDensity` of tapes.
-    """
 
-    corners: Corners
-    lengths: Array
-
-    def strain(self, e: Array) -> Array:
-        """Engineering strains (n,) of ε (n, 1)."""
-        return _stretch(e[:, 0]) - 1
-
-    def energy(self, e: Array) -> Array:
-        return self.lengths * self.corners.energy(self.strain(e))
-
-    def mean_force(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        """Force [N] averaged over the path between engineering strains (n,), and its derivative by
-        x1."""
-        return self.corners.average(x0, x1)
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        # Stretches λ0, λ1 (n,) at the start and the end; D is the derivative of S by e1.
-        λ0 = _stretch(e0[:, 0])
-        λ1 = _stretch(e1[:, 0])
-        mean_stretch = (λ0 + λ1) / 2
-        force, stiffness = self.mean_force(λ0 - 1, λ1 - 1)
-        S = self.lengths * force / mean_stretch
-        # d/dε1 = d/dλ1 / λ1 of equation (3) of `tabulated_cable`
-        D = self.lengths * (stiffness - force / (2 * mean_stretch)) / mean_stretch / λ1
-        return S[:, None], D[:, None, None]
+def tabulated_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """Energy L W(x) of a bar with the natural length L [m], as a function of e = ½(λ² - 1)."""
+    corners = corners_in(numbers)
+    λ0 = stretch_of(e0[0])
+    λ1 = stretch_of(e1[0])
+    L = numbers.length
+    # Equation (3) of `tabulated_cable`
+    stress = L * corners.average(λ0 - 1, λ1 - 1) / ((λ0 + λ1) / 2)
+    return Response([stress], energy=L * corners.energy(λ1 - 1))
 
 
 def corners_of(strain: Array, force: Array) -> Corners:
@@ -109,7 +103,6 @@ def corners_of(strain: Array, force: Array) -> Corners:
         strains=np.concatenate(strains)[is_corner],
         sides=np.concatenate(sides)[is_corner],
         slope_changes=slope_changes[is_corner],
-        stiffness=float(in_tension[0]),
     )
 
 
@@ -117,9 +110,10 @@ def linear_corners(law: CableLaw) -> Corners:
     """The corner at zero of a force that is linear in the engineering strain, on both sides or in
     tension only."""
     sides = np.array([1.0] if isinstance(law, TensionOnly) else [1.0, -1.0])
-    return Corners(np.zeros(len(sides)), sides, np.full(len(sides), law.EA), law.EA)
+    return Corners(np.zeros(len(sides)), sides, np.full(len(sides), law.EA))
 
 
-def _stretch(ε: Array) -> Array:
+def stretch_of(ε: Number) -> Number:
     """λ of ε = ½(λ² - 1)."""
-    return np.sqrt(np.maximum(1 + 2 * ε, MIN_SQUARED_STRETCH))
+    square = 1 + 2 * ε
+    return np.sqrt(at_most(square, MIN_SQUARED_STRETCH, holds=MIN_SQUARED_STRETCH, fails=square))

@@ -19,7 +19,7 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import Frame, OneNode
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
-from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.rows import AttachedKineticEnergy
 
 Mass = Annotated[float, positive("kg")]
 

@@ -15,7 +15,7 @@ in compression.  Its potential is piecewise quadratic,
     W(x) = Σ_i ½ c_i ⟨s_i (x - x_i)⟩²,                                                        (2)
 
 and its average from x0 to x1 follows term by term from that of ⟨y⟩, which has a closed form
-(`terms.point_energies`).  The strain measure of the step is ε = ½(λ² - 1).  Since Δε = ½(λ0 + λ1)
+(`terms.rows`).  The strain measure of the step is ε = ½(λ² - 1).  Since Δε = ½(λ0 + λ1)
 Δx, the stress with S Δε = ΔW is the averaged force over the mean of both stretches,
 
     S = N_mean / (½(λ0 + λ1)).                                                                (3)
@@ -132,7 +132,7 @@ class TabulatedCable(BarLaw):
     def hysteresis(self) -> Hysteresis:
         """The law with its unloading curve, which must have been given."""
         # Imported here: a scene without hysteresis does not load it.
-        from gossamer_fx.mechanics.bodies.cord_hysteresis import Hysteresis
+        from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteresis_of
 
         assert self.unloading is not None
         strain, force = (np.asarray(column) for column in self.unloading)
@@ -140,12 +140,14 @@ class TabulatedCable(BarLaw):
         slack = int(np.flatnonzero(force <= SLACK_FORCE * force[-1])[-1])
         strain = strain[slack:] - strain[slack]
         force = np.append(0.0, force[slack + 1 :])
-        return Hysteresis(self.corners, corners_of(strain, force), float(strain[-1]))
+        return hysteresis_of(self.corners, corners_of(strain, force), float(strain[-1]))
 
     @property
     def EA(self) -> float:
         """Axial stiffness [N] at zero strain in tension; stiffness damping uses it."""
-        return float(self.corners.stiffness)
+        tension = self.corners.of_side(1)
+        at_zero = np.asarray(tension.strains) == 0
+        return float(np.sum(tension.slope_changes, where=at_zero))
 
     @cached_property
     def corners(self) -> Corners:

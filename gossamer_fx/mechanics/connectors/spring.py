@@ -1,7 +1,4 @@
-"""Springs, ropes, stops and dampers between points, and masses at them.
-
-Methods of energies are those of `PointDensity`, methods of dampers those of `PointDamping`.
-"""
+"""Springs, ropes, stops and dampers between points, and masses at them."""
 
 from __future__ import annotations
 
@@ -14,20 +11,22 @@ import numpy as np
 from gossamer_fx.core.algebra.point_measures import PointMeasure, translation_weight
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Attached, Port, unit
+from gossamer_fx.core.laws.tracing import Number, at_most
+from gossamer_fx.core.model.body import Attached, Port, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Between, LineBetween, bodies_of
-from gossamer_fx.mechanics.terms.point_energies import (
+from gossamer_fx.mechanics.terms.rows import (
     AttachedKineticEnergy,
-    PointDissipation,
-    PointStoredEnergy,
+    Response,
+    Rows,
     one_sided_average,
-    one_sided_energy,
+    positive_part,
 )
 
 STIFFNESS = Parameter("stiffness", "N/m", "k")
 LENGTH = Parameter("length", "m", "L")
+DAMPING = Parameter("damping", "N s/m", "c")
 
 Stiffness = Annotated[float, positive("N/m")]
 Length = Annotated[float, positive("m")]
@@ -36,128 +35,78 @@ Damping = Annotated[float, positive("N s/m")]
 DampingOrZero = Annotated[float, not_negative("N s/m")]
 
 
-@dataclass(frozen=True)
-class Quadratic:
-    """ψ(e) = ½ k Σ e_i² of the m measures e of each spring."""
-
-    k: float
-    stacks: ClassVar[tuple[str, ...]] = ("k",)
-
-    def energy(self, e: Array) -> Array:
-        return self.k * np.sum(e * e, axis=1) / 2
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        # k may be one number, or one for each of n springs.
-        k = np.reshape(self.k, (-1, 1))
-        m = e0.shape[1]
-        stress = k * (e0 + e1) / 2
-        derivative = k[:, :, None] / 2 * np.eye(m)
-        return stress, np.broadcast_to(derivative, (*e0.shape, m))
+# [m²] Lower bound of e = ½ l², so that a spring whose ends coincide has no division by zero.
+SMALLEST_MEASURE = 1e-300
 
 
-@dataclass(frozen=True)
-class LengthSpring:
-    """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; none where l - L has not the
-    sign of `side`.
+def length_of(e: Number) -> Number:
+    """Length l [m] of the measure e = ½ l² [m²]."""
+    return np.sqrt(2 * at_most(e, SMALLEST_MEASURE, holds=SMALLEST_MEASURE, fails=e))
 
-    `side` 1 pulls only (a rope), -1 pushes only (a stop), 0 does both.  With l0 and l1 at the ends
-    of the step, S_mean = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the
-    natural length, the quotient itself.
+
+def quadratic(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """ψ = ½ k Σ e_i² of the measures e of each spring."""
+    k = numbers.k
+    stress = [k * (start + end) / 2 for start, end in zip(e0, e1, strict=True)]
+    return Response(stress, energy=k * sum(end * end for end in e1) / 2)
+
+
+def length_spring(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|².
+
+    With l0 and l1 at the ends of the step, S_mean = Δψ/Δe = k (1 - 2L/(l0 + l1)).
     """
-
-    k: float
-    L: float
-    side: int = 0
-    stacks: ClassVar[tuple[str, ...]] = ("k", "L")
-
-    def energy(self, e: Array) -> Array:
-        stretch = length_of(e) - self.L
-        if self.side:
-            return self.k * one_sided_energy(self.side * stretch)
-        return self.k * stretch**2 / 2
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        # Lengths l0 and l1 [m] at the start and the end of the step.
-        l0 = length_of(e0)
-        l1 = length_of(e1)
-        mean_length = (l0 + l1) / 2
-        if self.side:
-            # Stretches y0 and y1 [m], positive where the spring acts.
-            y0 = self.side * (l0 - self.L)
-            y1 = self.side * (l1 - self.L)
-            pull, slope = one_sided_average(y0, y1)
-            # The side is ±1, so that the slope has the same sign on both.
-            pull = self.side * pull
-        else:
-            pull = mean_length - self.L
-            slope = np.full(pull.shape, 0.5)
-        # Δe = mean_length Δl, so that the stress S_mean is the mean force over the mean length.  D
-        # is its derivative by e1: d/de1 = d/dl1 / l1, and dmean_length/dl1 = ½.
-        S = self.k * pull / mean_length
-        D = self.k * (slope - pull / mean_length / 2) / mean_length / l1
-        return S[:, None], D[:, None, None]
+    l1 = length_of(e1[0])
+    mean_length = (length_of(e0[0]) + l1) / 2
+    stress = numbers.k * (mean_length - numbers.L) / mean_length
+    return Response([stress], energy=numbers.k * (l1 - numbers.L) ** 2 / 2)
 
 
-@dataclass(frozen=True)
-class LengthDamper:
+def rope(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """`length_spring` that only pulls: ψ = ½ k max(l - L, 0)².  In a step that passes the natural
+    length the mean stress is the quotient Δψ/Δe itself."""
+    return _one_sided(e0, e1, numbers, side=1)
+
+
+def stop(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """`length_spring` that only pushes: ψ = ½ k max(L - l, 0)²."""
+    return _one_sided(e0, e1, numbers, side=-1)
+
+
+def _one_sided(e0: Any, e1: Any, numbers: Any, side: int) -> Response:
+    l0 = length_of(e0[0])
+    l1 = length_of(e1[0])
+    # Stretches [m] at both ends, positive where the spring acts.
+    y0 = side * (l0 - numbers.L)
+    y1 = side * (l1 - numbers.L)
+    # Δe = mean_length Δl, so that S_mean is the mean force over the mean length.
+    stress = numbers.k * side * one_sided_average(y0, y1) / ((l0 + l1) / 2)
+    return Response([stress], energy=numbers.k * positive_part(y1) ** 2 / 2)
+
+
+def length_damper(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
     """Axial force c l̇ of the length l = √(2e): S_mean = 2 c (l1 - l0)/(h (l0 + l1))."""
-
-    c: float
-    stacks: ClassVar[tuple[str, ...]] = ("c",)
-
-    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        # Lengths l0 and l1 [m] at the start and the end of the step.
-        l0 = length_of(e0)
-        l1 = length_of(e1)
-        S = 2 * self.c / h * (l1 - l0) / (l0 + l1)
-        D = 4 * self.c / h * l0 / (l0 + l1) ** 2 / l1
-        return S[:, None], D[:, None, None]
+    l0 = length_of(e0[0])
+    l1 = length_of(e1[0])
+    force = numbers.c / h * (l1 - l0)
+    return Response([2 * force / (l0 + l1)], loss=force * (l1 - l0))
 
 
-@dataclass(frozen=True)
-class RopeDamper:
+def rope_damper(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
     """Viscous force f = c ds/dt of a rope of length L, with its stretch s = max(l - L, 0).
 
     f is not below minus the mean tension k s_mean of the step, so that the rope pulls or is slack.
     With S_mean = 2 f/(l0 + l1) the loss f Δl is never negative.
     """
-
-    c: float
-    k: float
-    L: float
-    stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
-
-    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step; mean
-        # tension [N] of the spring and its derivative [N/m] by l1.
-        l0 = length_of(e0)
-        l1 = length_of(e1)
-        both = l0 + l1
-        s0 = np.maximum(l0 - self.L, 0.0)
-        s1 = np.maximum(l1 - self.L, 0.0)
-        pull, slope = one_sided_average(l0 - self.L, l1 - self.L)
-        tension = self.k * pull
-        stiffness = self.k * slope
-        viscous = self.c * (s1 - s0) / h
-        # A rope does not push: its whole force, tension and viscous, is zero at the least.
-        pulls = viscous > -tension
-        # f [N] is the viscous force, df [N/m] its derivative by l1.
-        f = np.where(pulls, viscous, -tension)
-        viscous_slope = np.where(s1 > 0, self.c / h, 0.0)
-        df = np.where(pulls, viscous_slope, -stiffness)
-        # The mean length is both/2, and dl1/de1 = 1/l1.  S is S_mean, D its derivative by e1.
-        S = 2 * f / both
-        D = 2 * (df - f / both) / both / l1
-        return S[:, None], D[:, None, None]
-
-
-# [m²] Lower bound of e = ½ l², so that a spring whose ends coincide has no division by zero.
-SMALLEST_MEASURE = 1e-300
-
-
-def length_of(e: Array) -> Array:
-    """Lengths (n,) [m] of the measures e = ½ l² (n, 1) [m²]."""
-    return np.sqrt(2 * np.maximum(e[:, 0], SMALLEST_MEASURE))
+    l0 = length_of(e0[0])
+    l1 = length_of(e1[0])
+    y0 = l0 - numbers.L
+    y1 = l1 - numbers.L
+    viscous = numbers.c * (positive_part(y1) - positive_part(y0)) / h
+    # A rope does not push: its whole force, tension and viscous, is zero at the least.
+    least = -numbers.k * one_sided_average(y0, y1)
+    force = at_most(viscous, least, holds=least, fails=viscous)
+    return Response([2 * force / (l0 + l1)], loss=force * (l1 - l0))
 
 
 def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
@@ -168,7 +117,7 @@ def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
 
 @dataclass(frozen=True, eq=False)
 class LengthConnector(Between):
-    """A stiffness between two points: ψ of `LengthSpring`, by `side` in both directions or one."""
+    """A stiffness between two points, by its `law` in both directions or one."""
 
     a: Attached
     b: Attached
@@ -176,13 +125,12 @@ class LengthConnector(Between):
     stiffness: Stiffness
     length: Length
 
-    # As `LengthSpring.side`.
-    side = 0
+    law: ClassVar[Any] = staticmethod(length_spring)
 
     def terms(self, start: State) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.length, self.side)
         measure = half_distance_squared(self.a, self.b)
-        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+        numbers = {"k": self.stiffness, "L": self.length}
+        yield Rows(self.name, measure, self.law, numbers, (STIFFNESS, LENGTH))
 
 
 @check_arguments
@@ -240,17 +188,28 @@ class Rope(LengthConnector, LineBetween):
     damping: DampingOrZero = 0.0
     name: str = "rope"
 
-    side = 1
+    law = staticmethod(rope)
 
     def terms(self, start: State) -> Iterable[Term]:
         yield from super().terms(start)
         if self.damping:
-            measure = half_distance_squared(self.a, self.b)
-            # The damper gets stiffness and length of the rope, by which it keeps the tension of
-            # both together from falling below zero.
-            loss = RopeDamper(self.damping, self.stiffness, self.length)
-            numbers = (STIFFNESS, LENGTH, Parameter("damping", "N s/m", "c"))
-            yield PointDissipation(f"{self.name} damping", measure, loss, numbers)
+            yield _rope_damping(self, half_distance_squared(self.a, self.b), self.length, LENGTH)
+
+
+def _rope_damping(
+    item: Rope | RopeBundle, measure: PointMeasure, length: float, parameter: Parameter
+) -> Rows:
+    """The damper of a rope of a length.  It gets the stiffness, too, by which it keeps the tension
+    of both together from falling below zero."""
+    return Rows(
+        f"{item.name} damping",
+        measure,
+        rope_damper,
+        {"c": item.damping, "k": item.stiffness, "L": length},
+        (STIFFNESS, parameter, DAMPING),
+        is_viscous=True,
+        stores=False,
+    )
 
 
 @check_arguments
@@ -280,7 +239,7 @@ class Stop(LengthConnector):
 
     name: str = "stop"
 
-    side = -1
+    law = staticmethod(stop)
 
 
 @check_arguments
@@ -318,11 +277,14 @@ class Damper(Between):
             f"Damper '{self.name}': its two points coincide, so it has no direction; "
             "separate them.",
         )
-        yield PointDissipation(
+        yield Rows(
             self.name,
             half_distance_squared(self.a, self.b),
-            LengthDamper(self.damping),
-            (Parameter("damping", "N s/m", "c"),),
+            length_damper,
+            {"c": self.damping},
+            (DAMPING,),
+            is_viscous=True,
+            stores=False,
         )
 
 
@@ -368,7 +330,7 @@ class AxialSpring:
         # Linear in x: exact for any step, and its matrix is constant.
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
-        yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness), (STIFFNESS,))
+        yield Rows(self.name, measure, quadratic, {"k": self.stiffness}, (STIFFNESS,))
 
 
 @check_arguments
@@ -429,13 +391,11 @@ class RopeBundle:
         # Terms of one name are summed in the energy balance; those of one kind are one array.
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             measure = half_distance_squared(*pair)
-            density = LengthSpring(self.stiffness, float(length), side=1)
-            numbers = (STIFFNESS, Parameter("lengths", "m", "L", entry=k))
-            yield PointStoredEnergy(self.name, measure, density, numbers)
+            numbers = {"k": self.stiffness, "L": float(length)}
+            parameter = Parameter("lengths", "m", "L", entry=k)
+            yield Rows(self.name, measure, rope, numbers, (STIFFNESS, parameter))
             if self.damping:
-                loss = RopeDamper(self.damping, self.stiffness, float(length))
-                of_loss = (*numbers, Parameter("damping", "N s/m", "c"))
-                yield PointDissipation(f"{self.name} damping", measure, loss, of_loss)
+                yield _rope_damping(self, measure, float(length), parameter)
 
 
 @check_arguments

@@ -6,41 +6,35 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from itertools import pairwise
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
-from mpi4py import MPI
 
-from gossamer_fx.core.algebra.point_measures import PointMeasure, evaluated_here
+from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import geometry_nodes
+from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.core.model.body import Array, Attached, Port, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import MeasuresMesh, OnBody, Term
 from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.connectors.spring import Quadratic
-from gossamer_fx.mechanics.terms.discrete_gradient import PointDensity
-from gossamer_fx.mechanics.terms.point_energies import (
+from gossamer_fx.mechanics.connectors.spring import quadratic
+from gossamer_fx.mechanics.terms.rows import (
     AttachedKineticEnergy,
-    PointStoredEnergy,
+    Response,
+    RowLaw,
+    Rows,
     one_sided_average,
-    one_sided_energy,
+    positive_part,
 )
 
 
-@dataclass(frozen=True)
-class OneSided:
+def one_sided(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
     """ψ(e) = ½ ⟨e⟩² of one measure e, ⟨e⟩ its positive part; in a step that passes zero, S_mean =
     Δψ/Δe."""
-
-    def energy(self, e: Array) -> Array:
-        return one_sided_energy(e[:, 0])
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        mean, slope = one_sided_average(e0, e1)
-        return mean, slope[:, :, None]
+    return Response([one_sided_average(e0[0], e1[0])], energy=positive_part(e1[0]) ** 2 / 2)
 
 
 @check_arguments
@@ -213,51 +207,33 @@ class Tape(OnBody):
             (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)
         ]
         measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
-        # Of the bars, a rank has the lengths of those that it evaluates.
-        here = evaluated_here(vectors)
-        if law.has_history:
-            density = _hysteretic(law, L[here], here, self.body.comm)
-        else:
-            density = _density(law, L[here])
-        yield PointStoredEnergy(self.name, measure, density)
+        function, numbers, variables = _row_law(law, L)
+        yield Rows(self.name, measure, function, numbers, variables=variables)
 
 
-def _density(law: BarLaw, lengths: Array) -> PointDensity:
-    """The stored energy [J] of bars with natural lengths (n,) [m], as a function of the measure e
-    of each, which `Tape.terms` makes: ½ e² for laws that are quadratic in ε, e = ε for others."""
+def _row_law(law: BarLaw, lengths: Array) -> tuple[RowLaw, dict[str, Any], dict[str, float]]:
+    """Law, numbers and history variables at the start of bars with natural lengths (n,) [m], as a
+    function of the measure e of each, which `Tape.terms` makes: ψ = ½ e² for laws that are
+    quadratic in ε, e = ε for others."""
     if _is_green(law):
-        return OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
+        return (one_sided, {}, {}) if isinstance(law, TensionOnly) else (quadratic, {"k": 1.0}, {})
     # Imported here: a scene without tables does not load them.
-    from gossamer_fx.mechanics.bodies.piecewise_force import TabulatedBars, linear_corners
+    from gossamer_fx.mechanics.bodies.piecewise_force import linear_corners, tabulated_bar
     from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedCable
 
+    numbers: dict[str, Any] = {"length": lengths}
     if isinstance(law, CableLaw):
-        return TabulatedBars(linear_corners(law), lengths)
+        return tabulated_bar, numbers | linear_corners(law).as_numbers(), {}
     check(
         isinstance(law, TabulatedCable),
         f"Tape: the law is a {type(law).__name__}; give a CableLaw, TensionOnly or TabulatedCable.",
     )
     assert isinstance(law, TabulatedCable)
-    return TabulatedBars(law.corners, lengths)
+    if not law.has_history:
+        return tabulated_bar, numbers | law.corners.as_numbers(), {}
+    from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteretic_bar
 
-
-def _hysteretic(law: BarLaw, lengths: Array, here: list[int], comm: MPI.Intracomm) -> PointDensity:
-    """The stored energy [J] of bars with natural lengths (n,) [m] of a law with hysteresis.
-
-    `here`: indices (n,) of these bars in the tape, by which a checkpoint finds their history.
-    """
-    from gossamer_fx.mechanics.bodies.cord_hysteresis import HystereticBars
-    from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedCable
-
-    assert isinstance(law, TabulatedCable)
-    return HystereticBars(
-        corners=law.corners,
-        lengths=lengths,
-        law=law.hysteresis,
-        numbers=np.array(here, dtype=np.int64),
-        largest=np.zeros(len(here)),
-        comm=comm,
-    )
+    return hysteretic_bar, numbers | law.hysteresis.as_numbers(), {"largest strain": 0.0}
 
 
 def _is_green(law: BarLaw) -> TypeGuard[CableLaw]:

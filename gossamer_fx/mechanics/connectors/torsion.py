@@ -7,24 +7,22 @@ m_mean a law of the angle has the stress
     S_mean = m_mean t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
 
 in them, with t·(Δcos, Δsin) = Δφ, so that S_mean·Δe = m_mean Δφ is the work of the moment m_mean
-exactly.  Methods of energies are those of `PointDensity`, methods of dampers those of
-`PointDamping`.
+exactly.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from itertools import pairwise
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.core.model.body import Array, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
@@ -37,165 +35,98 @@ from gossamer_fx.mechanics.bodies.frames import (
     check_axis,
     hinge_angle,
 )
-from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
+from gossamer_fx.mechanics.terms.rows import (
+    Response,
+    Rows,
+    one_sided_average,
+    positive_part,
+)
 
 # [rad] Half of the change of the angle below which x/sin x and its derivative are their series: the
 # derivative loses digits there, and 1 + x²/6 is exact to 2e-18.
 SMALL_ANGLE = 1e-4
 
+# The range in which the angle of a hinge is known
+HALF_A_TURN = "half a turn"
 
-def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
-    """Angles φ0 (n,) [rad] in (-π, π] of n hinges at the start of a step, and their changes Δφ of
-    less than half a turn, from measures (n, 2) in proportion to (cos φ, sin φ) at both ends."""
-    φ0 = np.arctan2(e0[:, 1], e0[:, 0])
-    φ1 = np.arctan2(e1[:, 1], e1[:, 0])
+
+def _angle(e: Sequence[Number]) -> Number:
+    """The angle φ [rad] in (-π, π] of measures in proportion to (cos φ, sin φ)."""
+    return np.arctan2(e[1], e[0])
+
+
+def _response(
+    e0: Sequence[Number],
+    e1: Sequence[Number],
+    mean_moment: Callable[[Number, Number], Number],
+    **others: Number,
+) -> Response:
+    """The stress S (2,) [N m] with S·(e1 - e0) = m Δφ, the work of a mean moment m [N m] that
+    follows from the angle φ0 at the start of a step and that at its end, φ0 + Δφ.
+
+    The law is known for |φ| < π only: its measures are the same after a turn.  A step that passes
+    half a turn has an excess, as its energy would not close.
+    """
+    φ0 = _angle(e0)
+    change = _angle(e1) - φ0
     # The shorter way round: a step by more than half a turn has the same measures as a shorter one
     # in the other direction.
-    Δφ = np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
-    return φ0, Δφ
-
-
-def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[Array, Array]:
-    """Stress S (n, 2) [N m] of n hinges with S·(e1 - e0) = m Δφ, the work [J] of the mean moments m
-    (n,) [N m] of a step, and ∂S/∂e1 (n, 2, 2).
-
-    `slope` (n,) [N m/rad] is the derivative of m by the angle at the end; φ0 and Δφ are those of
-    `angles`, e1 (n, 2) the measures at the end.
-    """
-    half = Δφ / 2
-    φ_mid = φ0 + Δφ / 2
+    if change < -math.pi:
+        change = change + 2 * math.pi
+    elif change >= math.pi:
+        change = change - 2 * math.pi
+    half = change / 2
     # The stress m t has the work m Δφ: t is along the chord of the step, longer by half/sin(half).
-    is_small = np.abs(half) < SMALL_ANGLE
-    safe = np.where(is_small, 1.0, half)
-    ratio = np.where(is_small, 1 + half**2 / 6, safe / np.sin(safe))
-    # The derivative of the ratio by the angle at the end, which is twice that by `half`.
-    exact_growth = (np.sin(safe) - safe * np.cos(safe)) / np.sin(safe) ** 2
-    growth = np.where(is_small, half / 3, exact_growth) / 2
-    direction = np.stack([-np.sin(φ_mid), np.cos(φ_mid)], axis=1)
-    direction_slope = np.stack([-np.cos(φ_mid), -np.sin(φ_mid)], axis=1) / 2
-    # dt is the derivative of t by the angle at the end, dφ (n, 2) that of this angle by e1, and D
-    # (n, 2, 2) that of S by e1.
-    t = ratio[:, None] * direction
-    dt = growth[:, None] * direction + ratio[:, None] * direction_slope
-    squared_radius = np.sum(e1 * e1, axis=1)[:, None]
-    dφ = np.stack([-e1[:, 1], e1[:, 0]], axis=1) / squared_radius
-    dS_dφ = slope[:, None] * t + m[:, None] * dt
-    D = np.einsum("ni,nj->nij", dS_dφ, dφ)
-    return m[:, None] * t, D
+    ratio = 1 + half * half / 6 if abs(half) < SMALL_ANGLE else half / np.sin(half)
+    m = mean_moment(φ0, φ0 + change)
+    stress = [-m * ratio * np.sin(φ0 + half), m * ratio * np.cos(φ0 + half)]
+    return Response(stress, excess=(φ0 + change) ** 2 - math.pi**2, **others)
 
 
-class WithinHalfATurn:
-    """A density of the angle φ of a hinge that is known for |φ| < π only: its measures are the same
-    after a turn.  A step that passes half a turn is refused, as its energy would not close."""
+def angular_spring(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """ψ = ½ k (φ - change)²; `change` [rad] is that of the rest angle, which φ counts from."""
+    k = numbers.k
+    rest = numbers.change
 
-    range: ClassVar[str] = "half a turn"
+    def moment(φ0: Number, φ1: Number) -> Number:
+        return k * ((φ0 + φ1) / 2 - rest)
 
-    def leaves_range(self, e0: Array, e1: Array) -> npt.NDArray[np.bool_]:
-        """Whether the angles pass π or -π between measures e0 and e1 (n, 2), (n,)."""
-        φ0, Δφ = angles(e0, e1)
-        return np.abs(φ0 + Δφ) >= math.pi
-
-
-@dataclass(frozen=True)
-class AngularSpring(WithinHalfATurn):
-    """ψ = ½ k (φ - change)², |φ| < π; `change` [rad] is that of the rest angle, which φ counts
-    from."""
-
-    k: float
-    change: float = 0.0
-    stacks: ClassVar[tuple[str, ...]] = ("k", "change")
-
-    def energy(self, e: Array) -> Array:
-        φ = np.arctan2(e[:, 1], e[:, 0])
-        return self.k * (φ - self.change) ** 2 / 2
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        φ0, Δφ = angles(e0, e1)
-        moment = self.k * (φ0 - self.change + Δφ / 2)
-        # k may be one number, or one for each of n springs: + 0 φ0 makes the slope an array (n,).
-        return stress(moment, self.k / 2 + 0 * φ0, φ0, Δφ, e1)
+    return _response(e0, e1, moment, energy=k * (_angle(e1) - rest) ** 2 / 2)
 
 
-@dataclass(frozen=True, eq=False)
-class AngularTable(WithinHalfATurn):
-    """dψ/dφ [N m] linear between points of a table, constant beyond them, |φ| < π; ψ is zero at the
-    angle `zero` [rad]."""
+def angular_table(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """dψ/dφ [N m] linear between the angles of a table, constant beyond them: `first` and the
+    changes of its slope at each angle.  ψ is zero at the angle `zero` [rad]."""
+    corners = list(zip(numbers.angle, numbers.change, strict=True))
 
-    angle: Array
-    moment: Array
-    zero: float
+    def moment(φ0: Number, φ1: Number) -> Number:
+        return numbers.first + sum(c * one_sided_average(φ0 - x, φ1 - x) for x, c in corners)
 
-    def _integral(self, low: Array, high: Array) -> Array:
-        """∫ dψ/dφ dφ [J], (n,), between two angles (n,); exact, without cancellation."""
-        ends = np.concatenate([[-np.inf], self.angle, [np.inf]])
-        total = np.zeros(len(low))
-        for first, last in pairwise(ends):
-            begin = np.clip(low, first, last)
-            end = np.clip(high, first, last)
-            total += (end - begin) * self._moment((begin + end) / 2)
-        return total
-
-    def _moment(self, φ: Array) -> Array:
-        """dψ/dφ (n,) [N m] at angles φ (n,)."""
-        return np.interp(φ, self.angle, self.moment)
-
-    def energy(self, e: Array) -> Array:
-        φ = np.arctan2(e[:, 1], e[:, 0])
-        return self._integral(np.full(len(φ), self.zero), φ)
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        φ0, Δφ = angles(e0, e1)
-        # Below this change the mean moment would be a quotient of round-off.
-        is_small = np.abs(Δφ) < SMALL_ANGLE**2
-        safe = np.where(is_small, SMALL_ANGLE**2, Δφ)
-        m0 = self._moment(φ0)
-        m1 = self._moment(φ0 + safe)
-        # The mean moment of the step, and its derivative by the angle at the end; in a step without
-        # a change the moment at its start, and half of the table's slope there.
-        mean = self._integral(φ0, φ0 + safe) / safe
-        moment = np.where(is_small, m0, mean)
-        slope = np.where(is_small, (m1 - m0) / (2 * safe), (m1 - mean) / safe)
-        return stress(moment, slope, φ0, Δφ, e1)
+    φ = _angle(e1)
+    energy = moment(numbers.zero, φ) * (φ - numbers.zero)
+    return _response(e0, e1, moment, energy=energy)
 
 
-@dataclass(frozen=True)
-class AngularStop(WithinHalfATurn):
-    """ψ = ½ k x², x the angle φ beyond [low, high], |φ| < π."""
+def angular_stop(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """ψ = ½ k x², x the angle φ beyond ±`half` [rad]."""
+    k = numbers.k
+    half = numbers.half
 
-    k: float
-    low: float
-    high: float
-    stacks: ClassVar[tuple[str, ...]] = ("k", "low", "high")
+    def moment(φ0: Number, φ1: Number) -> Number:
+        above = one_sided_average(φ0 - half, φ1 - half)
+        return k * (above - one_sided_average(-half - φ0, -half - φ1))
 
-    def _beyond(self, φ: Array) -> Array:
-        """Angles x (n,) [rad] of φ (n,) beyond the limits, negative below them; zero between."""
-        return np.minimum(φ - self.low, 0.0) + np.maximum(φ - self.high, 0.0)
-
-    def energy(self, e: Array) -> Array:
-        return self.k * self._beyond(np.arctan2(e[:, 1], e[:, 0])) ** 2 / 2
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        φ0, Δφ = angles(e0, e1)
-        x0 = self._beyond(φ0)
-        x1 = self._beyond(φ0 + Δφ)
-        # The mean moment of the step is (ψ1 - ψ0)/Δφ, of a step without a change the moment itself.
-        is_small = np.abs(Δφ) < SMALL_ANGLE**2
-        safe = np.where(is_small, 1.0, Δφ)
-        moment = self.k * np.where(is_small, (x0 + x1) / 2, (x1 - x0) * (x1 + x0) / (2 * safe))
-        slope = np.where(is_small, self.k / 2 * (x0 != 0), (self.k * x1 - moment) / safe)
-        return stress(moment, slope, φ0, Δφ, e1)
+    φ = _angle(e1)
+    energy = k * (positive_part(φ - half) ** 2 + positive_part(-half - φ) ** 2) / 2
+    return _response(e0, e1, moment, energy=energy)
 
 
-@dataclass(frozen=True)
-class AngularDamper:
+def angular_damper(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
     """The mean moment c Δφ/h [N m] in a step of h seconds; c [N m s/rad]."""
-
-    c: float
-    stacks: ClassVar[tuple[str, ...]] = ("c",)
-
-    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        φ0, Δφ = angles(e0, e1)
-        return stress(self.c / h * Δφ, self.c / h + 0 * φ0, φ0, Δφ, e1)
+    rate = numbers.c / h
+    response = _response(e0, e1, lambda φ0, φ1: rate * (φ1 - φ0))
+    work = sum(S * (b - a) for S, a, b in zip(response.stress, e0, e1, strict=True))
+    return replace(response, loss=work)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,14 +212,16 @@ class TorsionSpring(AboutHinge):
         )
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield PointStoredEnergy(
+        yield Rows(
             self.name,
             hinge_angle(*self._sides, self.axis, self.rest_angle),
-            AngularSpring(self.stiffness),
+            angular_spring,
+            {"k": self.stiffness, "change": 0.0},
             (
                 Parameter("stiffness", "N m/rad", "k"),
                 Parameter("rest_angle_change", "rad", "change"),
             ),
+            range=HALF_A_TURN,
         )
 
 
@@ -354,13 +287,17 @@ class TabulatedTorsion(AboutHinge):
     def terms(self, start: State) -> Iterable[Term]:
         # Angles from the middle: their jump by a turn is farthest from both ends.
         middle = (self.angle[0] + self.angle[-1]) / 2
-        yield PointStoredEnergy(
-            self.name,
-            hinge_angle(*self._sides, self.axis, self.rest_angle + middle),
-            AngularTable(
-                np.asarray(self.angle, float) - middle, np.asarray(self.moment, float), -middle
-            ),
-        )
+        angle = np.asarray(self.angle, dtype=float)
+        moment = np.asarray(self.moment, dtype=float)
+        slopes = np.diff(moment) / np.diff(angle)
+        numbers = {
+            "angle": angle[None] - middle,
+            "change": np.diff(slopes, prepend=0.0, append=0.0)[None],
+            "first": float(moment[0]),
+            "zero": -middle,
+        }
+        measure = hinge_angle(*self._sides, self.axis, self.rest_angle + middle)
+        yield Rows(self.name, measure, angular_table, numbers, range=HALF_A_TURN)
 
 
 @check_arguments
@@ -390,9 +327,15 @@ class TorsionDamper(AboutHinge):
     name: str = "torsion damper"
 
     def terms(self, start: State) -> Iterable[Term]:
-        measure = hinge_angle(*self._sides, self.axis, 0.0)
-        damping = Parameter("damping", "N m s/rad", "c")
-        yield PointDissipation(self.name, measure, AngularDamper(self.damping), (damping,))
+        yield Rows(
+            self.name,
+            hinge_angle(*self._sides, self.axis, 0.0),
+            angular_damper,
+            {"c": self.damping},
+            (Parameter("damping", "N m s/rad", "c"),),
+            is_viscous=True,
+            stores=False,
+        )
 
 
 @check_arguments
@@ -441,11 +384,12 @@ class TorsionStop(AboutHinge):
     def terms(self, start: State) -> Iterable[Term]:
         low, high = self.limits
         middle = (low + high) / 2
-        half = (high - low) / 2
         # Angles from the middle: their jump by a turn is farthest from both limits.
-        yield PointStoredEnergy(
+        yield Rows(
             self.name,
             hinge_angle(*self._sides, self.axis, middle),
-            AngularStop(self.stiffness, -half, half),
+            angular_stop,
+            {"k": self.stiffness, "half": (high - low) / 2},
             (Parameter("stiffness", "N m/rad", "k"),),
+            range=HALF_A_TURN,
         )

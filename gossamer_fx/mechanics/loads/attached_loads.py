@@ -24,7 +24,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     Compiler,
     Differentiable,
 )
-from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.rows import AttachedKineticEnergy
 
 
 class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):

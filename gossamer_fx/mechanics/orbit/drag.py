@@ -37,7 +37,7 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
 from gossamer_fx.mechanics.orbit.optics import (
     Accommodation,
     Air,
-    Rows,
+    Arrays,
     Surface,
     Symbolic,
     flow_force,
@@ -228,5 +228,12 @@ class _FlowOnFaces(FacesForce):
         # Velocity of the air relative to each face (..., n, 3) [m/s].
         U = self._wind - rates
         return air.density * flow_force(
-            areas, U, air.thermal_speed, how.normal, how.tangential, wall, self._two_sided, Rows
+            areas,
+            U,
+            air.thermal_speed,
+            how.normal,
+            how.tangential,
+            wall,
+            self._two_sided,
+            Arrays,
         )

@@ -1,7 +1,7 @@
 """How surfaces reflect, absorb and radiate sunlight; forces of light and of rarefied air on a face.
 
 The argument `maths` of the formulas is `Symbolic` for films, whose forces are compiled by UFL, and
-`Rows` for the flat faces of rigid bodies, which are NumPy arrays.
+`Arrays` for the flat faces of rigid bodies, which are NumPy arrays.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ class Symbolic:
         return ufl.conditional(ufl.gt(where_positive, 0.0), a, b)
 
 
-class Rows:
+class Arrays:
     """Operations on arrays, vectors (..., 3) and numbers (..., 1), complex for derivatives by
     complex steps."""
 
@@ -252,7 +252,7 @@ def light_force(a: Any, u: Any, front: Any, back: Any, maths: Any) -> Any:
 
     >>> import numpy as np
     >>> mirror = (2.0, 0.0, 0.0)
-    >>> light_force(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), mirror, mirror, Rows)
+    >>> light_force(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), mirror, mirror, Arrays)
     array([0., 0., 2.])
     """
     # c = a·u [m²]; mirrored, both and along are the coefficients c_0, c_1 and c_2 of the lit side.

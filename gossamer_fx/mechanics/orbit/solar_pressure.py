@@ -36,8 +36,8 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
 from gossamer_fx.mechanics.orbit.optics import (
     MIRROR,
     PRESSURE,
+    Arrays,
     Optics,
-    Rows,
     Surface,
     Symbolic,
     light_force,
@@ -217,7 +217,7 @@ class _LightOnFaces(FacesForce):
 
     def on_faces(self, areas: Array, rates: Array) -> Array:
         """Forces (..., n, 3) [N] of light on n faces, whatever their velocities are."""
-        return self._P * light_force(areas, self._u, self._front, self._back, Rows)
+        return self._P * light_force(areas, self._u, self._front, self._back, Arrays)
 
 
 def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:

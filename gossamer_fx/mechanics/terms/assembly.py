@@ -67,7 +67,7 @@ class Assembly(Protocol):
         state: the accepted state, at `time`.
         end: positions at the end of the step, as iterated.
         v0: rates of the coordinates at the start of the step.
-        previous: coordinates at the start of the last accepted step.
+        previous, previous_time: coordinates and time at the start of the last accepted step.
         compiled: the compiled kinds of terms, once all are.
         M: mass matrix [kg], once the scene is compiled.
         geometric: share of the geometric stiffness that tangents have: 1, or 0 in initial
@@ -89,6 +89,7 @@ class Assembly(Protocol):
     q1: PETSc.Vec
     v0: PETSc.Vec
     time: float
+    previous_time: float
     h: float
     geometric: float
 

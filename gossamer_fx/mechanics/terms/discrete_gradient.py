@@ -77,7 +77,6 @@ from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.forms.strain_path import gradient as gradient
-from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import CLaw
 
 # Round-off of a difference of energies, over their sum.
@@ -111,23 +110,6 @@ def acts_at_end(alpha: float) -> bool:
     return alpha == 1.0
 
 
-class PointDensity(Protocol):
-    """Energy of the m strains e of a point measure.
-
-    All arguments and results are arrays over n tuples of ports.  A density whose numbers named in
-    `stacks` may also be arrays (n,) shares one evaluation with others of its class.
-    """
-
-    def energy(self, e: Array) -> Array:
-        """ψ(e) [J], (n,) of (n, m)."""
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """S_mean (n, m) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), and dS_mean/de1 (n, m, m).
-
-        At e0 = e1 they are ψ' and ψ''/2.
-        """
-
-
 class StressRule(ABC):
     """How the stress of a step follows from its strains.
 
@@ -153,14 +135,6 @@ class StressRule(ABC):
     @abstractmethod
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
         """S_mean (m,) of strains e0 and e1 (m,), an expression of e0 and the UFL variable e1."""
-
-    def point_stress(self, energy: PointDensity, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """S_mean (n, m) of n energies between points, and its derivatives (n, m, m) by e1."""
-        if self.conserves:
-            return energy.average(e0, e1)
-        # At equal strains the derivative of the average is half of ψ''.
-        S, half = energy.average(e1, e1)
-        return S, 2 * half
 
     def cases(self, energy: PathEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
         """Conditions under which S_mean costs less, and S_mean under each of them; the first that

@@ -101,6 +101,7 @@ class Supports(CompiledTerms["Support"]):
         shared = sum(int((~moved.sets).sum()) for moved in self._moved)
         self._shares = system.numbering.comm.allreduce(shared) > 0
         self.held: npt.NDArray[np.integer] = np.zeros(0, dtype=np.int64)
+        self.forces: PETSc.Vec | None = None
         self.hold(np.flatnonzero(setter != NOBODY))
 
     def hold(self, positions: npt.NDArray[np.integer]) -> None:
@@ -110,7 +111,16 @@ class Supports(CompiledTerms["Support"]):
         # Asked and converted once, as `clear` is called in each iteration.
         self._held_rows = (self.held + self._numbering.start).astype(PETSc.IntType)
         self._any = self._numbering.comm.allreduce(len(self.held)) > 0
-        self.reactions: Array = np.zeros(len(self.held))
+        if self._any and self.forces is None:
+            self.forces = self._numbering.vector()
+
+    @property
+    def reactions(self) -> Array:
+        """Forces (n,) [N] on the coordinates `held` in the last residual."""
+        if self.forces is None:
+            return np.zeros(0)
+        found: Array = self.forces.array_r[self.held]
+        return found
 
     @property
     def at_rest(self) -> npt.NDArray[np.integer]:
@@ -168,8 +178,10 @@ class Supports(CompiledTerms["Support"]):
     def take(self, r: PETSc.Vec) -> None:
         """Take the reactions [N] from the rows of the residual r at held coordinates, and set these
         rows to zero."""
+        if self.forces is None:
+            return
         values = r.array
-        self.reactions = values[self.held]
+        self.forces.array[self.held] = values[self.held]
         values[self.held] = 0
 
     def check_turns(self, t: float, h: float) -> None:
@@ -192,8 +204,8 @@ class Supports(CompiledTerms["Support"]):
         work = 0.0
         for moved in self._moved:
             at = moved.at[moved.sets]
-            # `held` is sorted, so this finds the reactions of the moved coordinates.
-            reactions = self.reactions[np.searchsorted(self.held, at)]
+            assert self.forces is not None
+            reactions = self.forces.array_r[at]
             work += float(Δq[at] @ reactions)
         return work
 

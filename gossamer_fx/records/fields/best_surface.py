@@ -40,6 +40,7 @@ from gossamer_fx.core.model.body import Array, Vector
 from gossamer_fx.core.model.state import HasSystem, State
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.body_shape import At
+from gossamer_fx.solve.system.system import System
 
 Surface = Literal["plane", "paraboloid", "sphere"]
 
@@ -54,6 +55,8 @@ DEGENERATE = 1e-14
 SMALLEST_STEP = 1e-14
 SMALLEST_DECREASE = 1e-15
 MAX_ITERATIONS = 200
+# Root mean square over the size of the film, below which the film lies on the surface.
+FLAT = 1e-12
 # Factors of the diagonal of the normal equations that is added to them: at the start, and where no
 # step lowers the mean square any more.
 FIRST_DAMPING = 1e-3
@@ -137,7 +140,7 @@ def best_surface(
         >>> round(fit.focal_length, 9), fit.rms < 1e-12
         (0.25, True)
     """
-    samples = Samples.of(state, film, group, at)
+    samples = Samples.of(state.system, film, group, at)
     return fit_surface(samples, surface, axis)
 
 
@@ -150,10 +153,9 @@ class Samples:
     weights: Array
 
     @classmethod
-    def of(cls, state: HasSystem, film: Membrane, group: str, at: At) -> Samples:
+    def of(cls, system: System, film: Membrane, group: str, at: At) -> Samples:
         """The corners of the triangles that this rank owns in a film, or in a group of its cells;
         a node occurs once for each of its triangles.  Collective."""
-        system = state.system
         cells = cells_of(film, group)
         positions = system.unknowns.state[film].local_positions()
         if at == "mean":
@@ -195,6 +197,80 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
     Args:
         axis: the designed axis, in either sense and of any length.
     """
+    best = _best(samples, surface, axis)
+    scaled, size, designed = best.scaled, best.size, best.designed
+    distances, _, _ = best.distances_of(scaled.points, best.shape)
+    point, direction, radius = best.shape.description(surface)
+    # A plane has no side: its normal is taken near the designed axis.
+    if math.isinf(radius) and direction @ designed < 0:
+        direction = -direction
+    across = float(np.linalg.norm(np.cross(direction, designed)))
+    highest = samples.comm.allreduce(float(distances.max(initial=-np.inf)), op=MPI.MAX)
+    lowest = samples.comm.allreduce(float(distances.min(initial=np.inf)), op=MPI.MIN)
+    x, y, z = best.centroid + size * point
+    return BestSurface(
+        rms=size * math.sqrt(float(scaled.sum(distances**2))),
+        peak_to_valley=size * (highest - lowest),
+        area=best.area,
+        point=(float(x), float(y), float(z)),
+        axis=(float(direction[0]), float(direction[1]), float(direction[2])),
+        tilt=math.atan2(across, abs(float(direction @ designed))),
+        radius=size * radius,
+    )
+
+
+def rms_slopes(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Array:
+    """Derivatives (n, 3) of the root mean square of the distances from the best surface by the
+    points of this rank [1], three for each triangle, which change its area, too.  Collective.
+
+    The surface is the best one, so that its own change does not count.
+    """
+    best = _best(samples, surface, axis)
+    distances, by_point, _ = best.distances_of(best.scaled.points, best.shape)
+    rms = math.sqrt(float(best.scaled.sum(distances**2)))
+    check(
+        rms > FLAT,
+        "SurfaceError: the film lies on the surface, where its error has no derivative; start from "
+        "another shape.",
+    )
+    # With W the area: ∂rms = Σ (w d ∂d + (d² - rms²) ∂w/2)/(rms W), where w is a third of an area.
+    of_distances = (best.scaled.weights * distances)[:, None] * (by_point @ best.shape.axes)
+    by_weights = (distances**2 - rms**2).reshape(-1, 3).sum(axis=1) / 2
+    corners = samples.points.reshape(-1, 3, 3)
+    opposite = np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    of_areas = np.cross(opposite, normals[:, None]) / 2 * (by_weights / 3)[:, None, None]
+    slopes = of_distances + of_areas.reshape(-1, 3) * best.size / best.area
+    found: Array = slopes / rms
+    return found
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The best surface in coordinates about the centroid of the points over their size.
+
+    Attributes:
+        centroid: of the points (3,) [m].
+        size: root of their mean square distance from it [m].
+        area: for which they stand [m²].
+        designed: unit vector of the designed axis (3,).
+        scaled: the points over the size, with weights of the sum one.
+        shape: the surface.
+        distances_of: of points and a surface.
+    """
+
+    centroid: Array
+    size: float
+    area: float
+    designed: Array
+    scaled: Samples
+    shape: _Shape
+    distances_of: _Distances
+
+
+def _best(samples: Samples, surface: Surface, axis: Vector) -> _Best:
+    """The best surface of points, see `fit_surface`.  Collective."""
     designed = np.asarray(axis, dtype=float)
     length = float(np.linalg.norm(designed))
     check(length > 0, "best_surface: the axis is zero; give the designed axis.")
@@ -214,8 +290,8 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
     # Lengths over the size of the film, from its centroid, make the equations well scaled.
     scaled = Samples(samples.comm, offsets / size, samples.weights / area)
     normal = directions[:, 0]
-    found = _Shape(_axes_along(normal), np.zeros(2))
-    distances = scaled.points @ normal
+    shape = _Shape(_axes_along(normal), np.zeros(2))
+    distances_of: _Distances = _from_plane
     if surface != "plane" and squares[0] > DEGENERATE * squares[1]:
         distances_of = {"sphere": _from_sphere, "paraboloid": _from_paraboloid}[surface]
         minima = [
@@ -224,26 +300,8 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
             # a part next to the vertex, the normal that of a shallow dish.
             for start_axis in (designed, normal)
         ]
-        found = min(minima, key=lambda shape: shape.mean_square(scaled, distances_of))
-        distances, _, _ = distances_of(scaled.points, found)
-
-    point, direction, radius = found.description(surface)
-    # A plane has no side: its normal is taken near the designed axis.
-    if math.isinf(radius) and direction @ designed < 0:
-        direction = -direction
-    across = float(np.linalg.norm(np.cross(direction, designed)))
-    highest = samples.comm.allreduce(float(distances.max(initial=-np.inf)), op=MPI.MAX)
-    lowest = samples.comm.allreduce(float(distances.min(initial=np.inf)), op=MPI.MIN)
-    x, y, z = centroid + size * point
-    return BestSurface(
-        rms=size * math.sqrt(float(scaled.sum(distances**2))),
-        peak_to_valley=size * (highest - lowest),
-        area=area,
-        point=(float(x), float(y), float(z)),
-        axis=(float(direction[0]), float(direction[1]), float(direction[2])),
-        tilt=math.atan2(across, abs(float(direction @ designed))),
-        radius=size * radius,
-    )
+        shape = min(minima, key=lambda one: one.mean_square(scaled, distances_of))
+    return _Best(centroid, size, area, designed, scaled, shape, distances_of)
 
 
 # Of points (n, 3) and a surface: distances (n,), and their derivatives by the coordinates of the
@@ -284,6 +342,12 @@ class _Shape:
         """Mean square of the distances of points.  Collective."""
         distances, _, _ = distances_of(samples.points, self)
         return float(samples.sum(distances**2))
+
+
+def _from_plane(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:
+    """Distances of n points from the plane through the origin, see `_Distances`."""
+    by_point = np.tile((0.0, 0.0, 1.0), (len(points), 1))
+    return points @ shape.axes[2], by_point, np.zeros((len(points), 0))
 
 
 def _from_paraboloid(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:

@@ -20,7 +20,7 @@ from gossamer_fx.core.model.state import HasSystem, vector_key
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
-from gossamer_fx.mechanics.terms.point_energies import PointEnergies, PointStoredEnergy
+from gossamer_fx.mechanics.terms.rows import CompiledRows, Rows
 from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, stretch, tension
 from gossamer_fx.records.fields.body_shape import At, BodyShape, rule_at
 from gossamer_fx.records.fields.fields import position
@@ -233,16 +233,11 @@ def line_forces(system: System, connector: DrawnAsLines, at: At) -> LineForces:
         bool(terms),
         f"'{connector.name}' is not in the scene; ask for a part that is in it.",
     )
-    stored = [term for term in terms if isinstance(term, PointStoredEnergy)]
-    if stored:
-        parts = [_of_stored_energy(system, term, connector, at) for term in stored]
-        return _joined(parts)
-    return _of_reel(system, connector, at)
+    stored = [term for term in terms if isinstance(term, Rows) and term.stores]
+    return _joined([_of_stored_energy(system, term, connector, at) for term in stored])
 
 
-def _of_stored_energy(
-    system: System, term: PointStoredEnergy, connector: DrawnAsLines, at: At
-) -> LineForces:
+def _of_stored_energy(system: System, term: Rows, connector: DrawnAsLines, at: At) -> LineForces:
     """Tensions of the lines of one stored energy.
 
     The measure is e = ½ α l² + c of the length l.  With the stress S = dψ/de the tension is
@@ -250,12 +245,15 @@ def _of_stored_energy(
     ½(l²/L² - 1), so that l²/L² = (c - e)/c.  The mean force of a step acts in its middle, whose
     length is that of the tension.
     """
-    [compiled] = system.equations.compiled_as(PointEnergies)
+    [compiled] = system.equations.compiled_as(CompiledRows)
     count = len(term.measure.ports)
     is_tape = bool(np.any(term.measure.c))
     if is_tape:
         tape: Any = connector
         natural = np.asarray(tape.lengths, dtype=np.float64)
+    elif term.history is not None:
+        # That of a tether, which changes
+        natural = compiled.variables_of(term)[:, 0].astype(np.float64)
     else:
         natural = np.broadcast_to(compiled.get_number(term, "L"), count).astype(np.float64)
     # Each line is evaluated on one rank: the sum over all ranks is its tension.
@@ -292,27 +290,6 @@ def _of_stored_energy(
         # Bars are parts of one line, and count by their lengths; ropes are lines by themselves.
         weights = natural / natural.sum()
     return LineForces(tensions, lengths, natural, weights, float(weights @ alternates))
-
-
-def _of_reel(system: System, connector: DrawnAsLines, at: At) -> LineForces:
-    """Tension of a tether, whose natural length is on its reel."""
-    # Imported here: a scene without a reel does not load it.
-    from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
-
-    for ropes in system.equations.compiled_as(PaidOutRopes):
-        for number, term in enumerate(ropes.terms):
-            # The names of parts are unique in a scene.
-            if term.name == connector.name:
-                ends = system.unknowns.state.vectors(connector.lines_to_draw[0])
-                length = float(np.linalg.norm(ends[1] - ends[0]))
-                one = slice(number, number + 1)
-                return LineForces(
-                    tensions=ropes.tensions(mean=at == "mean")[one],
-                    lengths=np.array([length]),
-                    natural_lengths=ropes.lengths()[one],
-                    weights=np.ones(1),
-                )
-    raise AssertionError(f"'{connector.name}' has neither a stored energy nor a reel")
 
 
 def _joined(parts: list[LineForces]) -> LineForces:

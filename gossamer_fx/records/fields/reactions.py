@@ -1,5 +1,5 @@
-"""Forces that supports and joints exert, from the residual and the multipliers of the last
-solution."""
+"""Forces that supports, joints and connectors exert, from the residual, the multipliers and the
+stresses of the last solution."""
 
 from __future__ import annotations
 
@@ -8,14 +8,26 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
 
-from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, attach, evaluated_here
+from gossamer_fx.core.algebra.point_measures import (
+    Gather,
+    PointMeasure,
+    attach,
+    evaluated_here,
+    translation_weight,
+)
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Attached, Port, Vector
+from gossamer_fx.core.forms.compilation import compile_form, constant
+from gossamer_fx.core.model.body import Array, Ground, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines, Frame
+from gossamer_fx.mechanics.terms.energies_in_time import EnergiesInTime
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multipliers_of
+from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergies, QuadraticEnergy
+from gossamer_fx.mechanics.terms.rows import CompiledRows
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
 
@@ -41,67 +53,150 @@ class Joint(NamedPart, Protocol):
     def b(self) -> Any: ...
 
 
-def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Array, Array]:
-    """Force and moment that a support exerts in the last solution.  Collective.
+class GroundForce:
+    """What the ground exerts on the bodies of a scene through an item in the last solution; of a
+    joint or connector between two bodies, what its second side `b` bears.
 
     Args:
-        about: point (3,) [m] of the moment, the same on every rank.
+        system: of the scene.
+        item: a support, a joint, or a spring, damper, rope, tether or stop.
 
-    Returns:
-        Force (3,) [N] and moment (3,) [N m], the same on every rank.
+    Raises:
+        InputError: the item is not in the scene, or is none of these.
     """
-    centre = np.asarray(about, dtype=float)
-    # A support fixes coordinates, or holds rotations by constraints with multipliers, or both.
-    terms = [
-        t for t in system.unknowns.terms_of(support) if isinstance(t, Support | PointConstraint)
-    ]
-    check(bool(terms), _not_found(system, support, "support"))
-    total = np.zeros((2, 3))
-    for term in terms:
-        if isinstance(term, Support):
-            total += _support_share(system, term, centre)
-        else:
-            total += _constraint_share(
-                system,
-                term.measure,
-                λ=multipliers_of(term, system.unknowns),
-                counts=lambda port: True,
-                centre=centre,
+
+    def __init__(self, system: System, item: NamedPart) -> None:
+        self._system = system
+        terms = system.unknowns.terms_of(item)
+        # A support fixes coordinates, or holds rotations by constraints with multipliers, or those
+        # of the edge of a plate by energies.
+        self._supports = [term for term in terms if isinstance(term, Support)]
+        self._constraints = [term for term in terms if isinstance(term, PointConstraint)]
+        self._connectors: list[Any] = [
+            term for term in terms if issubclass(term.compiler, CompiledRows)
+        ]
+        known = self._supports or self._constraints or self._connectors
+        check(bool(known), _not_found(system, item, "support or joint"))
+        self._clamps = [
+            ClampedEdge(system, term)
+            for term in terms
+            if self._supports and issubclass(term.compiler, (QuadraticEnergies, EnergiesInTime))
+        ]
+        sides = (
+            [list(_bodies(side)) for side in (item.a, item.b)] if isinstance(item, Joint) else []
+        )
+        self._is_counted: Callable[[Port], bool] = lambda port: True
+        # What has a side on the ground is pushed by it, and all of its ports count.
+        if not (self._supports or self._is_on_ground()):
+            check(
+                isinstance(item, Joint) and (sides[0] != sides[1] or isinstance(item.b, Port)),
+                f"'{item.name}' is a {type(item).__name__} that joins no two bodies and is not on "
+                "the ground, so that no one force is that of it; ask for those of supports, or for "
+                "the tension of lines.",
             )
-    total = system.comm.allreduce(total)
-    return total[0], total[1]
+            assert isinstance(item, Joint)
+            self._is_counted = _on_second_side(item.b, *sides)
+
+    def _is_on_ground(self) -> bool:
+        """Whether a measure of the item has a side on the ground.  Collective."""
+        own = False
+        for term in (*self._constraints, *self._connectors):
+            for ports in term.measure.ports:
+                # The measure of one point alone, e.g. a height, is one against the ground.
+                is_alone = len(ports) == 1 and translation_weight(ports[0]) != 0
+                own = own or is_alone or any(isinstance(port, Ground) for port in ports)
+        return bool(self._system.comm.allreduce(own, op=MPI.LOR))
+
+    def __call__(self, about: Vector = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
+        """Force (3,) [N] and moment (3,) [N m] about a point (3,) [m], the same on every rank.
+        Collective."""
+        system = self._system
+        centre = np.asarray(about, dtype=float)
+        total = np.zeros((2, 3))
+        for support in self._supports:
+            total += _support_share(system, support, centre)
+        for clamp in self._clamps:
+            total[1] += clamp.moment_share(centre)
+        stresses = [(term, multipliers_of(term, system.unknowns)) for term in self._constraints]
+        for term in self._connectors:
+            [compiled] = system.equations.compiled_as(term.compiler)
+            stresses.append((term, compiled.stresses_of_step(term)))
+        for term, S in stresses:
+            total += _measure_share(system, term.measure, S, self._is_counted, centre)
+        force, moment = system.comm.allreduce(total)
+        return force, moment
+
+
+class ClampedEdge:
+    """The moment by which the ground holds the slope of a plate at an edge.
+
+    The energy a(x, x)/2 of the edge does not change if the plate is shifted, but if it is turned:
+    in a turn about e_k it does the work a(x, e_k × x), the component of a moment.
+
+    Args:
+        system: of the scene.
+        term: the `QuadraticEnergy` or `MovingEnergy` of the edge.
+    """
+
+    def __init__(self, system: System, term: Any) -> None:
+        self._unknowns = system.unknowns
+        self._body = term.body
+        space = term.body.space
+        self._x = fem.Function(space)
+        self._w = fem.Function(space)
+        # Values of what changes in time with the times at which they are taken.
+        self._varying: list[tuple[fem.Function, Callable[[], float]]] = []
+        if isinstance(term, QuadraticEnergy):
+            form = term.form(self._x, self._w)
+        else:
+            self._set = term.set
+            ends: list[Callable[[], float]] = [lambda: system.unknowns.time]
+            if not system.unknowns.rule.acts_at_end:
+                ends.append(lambda: system.unknowns.previous_time)
+            self._varying = [(fem.Function(term.space), end) for end in ends]
+            share = constant(space.mesh, 1 / len(ends))
+            form = sum(share * term.form(self._x, self._w, d) for d, _ in self._varying)
+        self._work = compile_form(form)
+
+    def moment_share(self, centre: Array) -> Array:
+        """The moment (3,) [N m] about a point (3,) [m] on the plate in the last step, this rank's
+        share.  Collective."""
+        unknowns = self._unknowns
+        owned = unknowns.block(self._body).owned
+        α = unknowns.rule.alpha
+        start, end = unknowns.previous.array_r[owned], unknowns.q0.array_r[owned]
+        unknowns.coordinates[self._body].take(self._x, (1 - α) * start + α * end)
+        for function, time in self._varying:
+            self._set(function, time())
+        arms = self._x.x.array.reshape(-1, 3) - centre
+        moment = np.zeros(3)
+        for k, axis in enumerate(np.eye(3)):
+            self._w.x.array[:] = np.cross(axis, arms).ravel()
+            moment[k] = -fem.assemble_scalar(self._work)
+        return moment
 
 
 def joint_force(
     system: System, joint: Joint, about: Vector = (0.0, 0.0, 0.0)
 ) -> tuple[Array, Array]:
-    """Force and moment that a joint exerts on its second side `b` in the last solution.
-    Collective.
+    """Force (3,) [N] and moment (3,) [N m] about a point (3,) [m] that a joint exerts on its second
+    side `b` in the last solution, the same on every rank; side `a` bears the opposite.
+    Collective."""
+    terms = system.unknowns.terms_of(joint)
+    is_joint = any(isinstance(term, PointConstraint) for term in terms)
+    check(is_joint, _not_found(system, joint, "joint"))
+    force, moment = GroundForce(system, joint)(about)
+    # Of the ground on the other side; the ground itself bears the opposite.
+    sign = 1.0 if list(_bodies(joint.b)) else -1.0
+    return sign * force, sign * moment
 
-    Side `a` bears the opposite.
 
-    Args:
-        about: point (3,) [m] of the moment.
-
-    Returns:
-        Force (3,) [N] and moment (3,) [N m], the same on every rank.
-    """
-    centre = np.asarray(about, dtype=float)
-    terms = [term for term in system.unknowns.terms_of(joint) if isinstance(term, PointConstraint)]
-    check(bool(terms), _not_found(system, joint, "joint"))
-    # The ground has no unknowns: the force on it is the opposite of that on the other side.
-    second = list(_bodies(joint.b))
-    sign, mine = (1.0, second) if second else (-1.0, list(_bodies(joint.a)))
-
-    def on_side(port: Port) -> bool:
-        return any(port.body is body for body in mine)
-
-    total = np.zeros((2, 3))
-    for term in terms:
-        λ = multipliers_of(term, system.unknowns)
-        total += sign * _constraint_share(system, term.measure, λ, on_side, centre)
-    total = system.comm.allreduce(total)
-    return total[0], total[1]
+def _on_second_side(b: Any, first: list[Any], second: list[Any]) -> Callable[[Port], bool]:
+    """Which ports are those of the second side of a joint, of the bodies on both sides."""
+    if first == second:
+        # Two points of one body.
+        return lambda port: port == b
+    return lambda port: any(port.body is body for body in second)
 
 
 def _not_found(system: System, item: NamedPart, wanted: str) -> str:
@@ -129,13 +224,16 @@ def _not_found(system: System, item: NamedPart, wanted: str) -> str:
     )
 
 
-def _bodies(side: Attached | Frame) -> Iterable[Any]:
-    """Bodies of a port or frame; a joint may hold the section of a beam by the separate body of its
-    complete frame, which is included."""
+def _bodies(side: Any) -> Iterable[Any]:
+    """Bodies of a port or frame, or the body itself; a joint may hold the section of a beam by the
+    separate body of its complete frame, which is included."""
     vectors = (side.origin, side.complete.origin) if isinstance(side, Frame) else (side,)
     for vector in vectors:
         if isinstance(vector, Port):
             yield vector.body
+        elif not isinstance(vector, Ground):
+            # A tie has bodies as its sides.
+            yield vector
 
 
 def _support_share(system: System, term: Support, centre: Array) -> Array:
@@ -154,14 +252,15 @@ def _support_share(system: System, term: Support, centre: Array) -> Array:
     for other in system.unknowns.terms:
         if isinstance(other, Support) and other.body is term.body:
             holders[_owned_coordinates(system, other)] += 1
-    # Reactions are stored for all fixed coordinates of the system, in their order.
-    reactions = system.unknowns.supports.reactions[
-        np.searchsorted(system.unknowns.supports.held, mine)
-    ]
+    forces_of_supports = system.unknowns.supports.forces
+    assert forces_of_supports is not None
     all_forces = np.zeros(system.unknowns.numbering.size_local)
-    all_forces[mine] = reactions / holders[mine]
+    all_forces[mine] = forces_of_supports.array_r[mine] / holders[mine]
     forces = all_forces[owned].reshape(-1, vectors, 3)
-    arms = system.unknowns.q0.array_r[owned].reshape(-1, vectors, 3).copy()
+    # Where the forces of the last step acted.
+    α = system.unknowns.rule.alpha
+    start, end = system.unknowns.previous.array_r[owned], system.unknowns.q0.array_r[owned]
+    arms = ((1 - α) * start + α * end).reshape(-1, vectors, 3)
     # Only positions have an arm about the centre; directors turn about their own origin.
     arms[:, 0] -= centre
     return np.array([forces[:, 0].sum(axis=0), np.cross(arms, forces).sum(axis=(0, 1))])
@@ -174,20 +273,21 @@ def _owned_coordinates(system: System, term: Support) -> npt.NDArray[np.int64]:
     return np.unique(on_this_rank).astype(np.int64) + owned.start
 
 
-def _constraint_share(
+def _measure_share(
     system: System,
     measure: PointMeasure,
-    λ: Array,
+    S: Array,
     counts: Callable[[Port], bool],
     centre: Array,
 ) -> Array:
-    """Force and moment that one constraint exerts on some of its ports: this rank's share.
+    """Force and moment that a constraint or connector exerts on some of its ports: this rank's
+    share.
 
     A port is a point or direction of a body.  Collective.
 
     Args:
         measure: m measures e(X) of each of the n tuples of ports that this rank evaluates.
-        λ: their multipliers (n, m), [N] for distances of points.
+        S: their stresses or multipliers (n, m), [N] for distances of points.
         counts: whether the force on a port is added.
         centre: point of the moment (3,) [m].
 
@@ -202,20 +302,18 @@ def _constraint_share(
     attached = [attach(system.unknowns.numbering, system.unknowns.bodies, ports) for ports in own]
     gather = Gather(system.unknowns.numbering, [indices for indices, _, _ in attached])
     of_tuples = zip(
-        own, attached, gather(system.unknowns.q0), gather(system.unknowns.previous), λ, strict=True
+        own, attached, gather(system.unknowns.q0), gather(system.unknowns.previous), S, strict=True
     )
-    for ports, (_, P, o), q_end, q_start, multipliers in of_tuples:
+    for ports, (_, P, o), q_end, q_start, stresses in of_tuples:
         # Where the forces of the last step acted.
         X = P @ ((1 - α) * q_start + α * q_end) + o
         # The measures have the derivatives H X + L by X.
-        forces = -(multipliers @ (measure.H @ X + measure.L)).reshape(-1, 3)
+        forces = -(stresses @ (measure.H @ X + measure.L)).reshape(-1, 3)
         for port, x, f in zip(ports, X.reshape(-1, 3), forces, strict=True):
             # Forces on the ground balance those on the other side.
             if isinstance(port, Port) and counts(port):
-                # Each node of a port has a weight w and the number v of one of its vectors: 0 for
-                # the position, others for directors.
-                vectors = port.vectors or (0,) * len(port.weights)
-                of_points = sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0)
-                total[0] += of_points * f  # one for a point of the body, zero for a direction
+                # One for a point of the body, zero for a direction.
+                of_points = translation_weight(port)
+                total[0] += of_points * f
                 total[1] += np.cross(x - of_points * centre, f)
     return total

@@ -12,7 +12,7 @@ import numpy as np
 from gossamer_fx.core.mesh.quality import box, corner_points, sizes
 from gossamer_fx.core.model.body import Body, is_body, is_on_mesh
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
-from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.rows import AttachedKineticEnergy
 from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
 

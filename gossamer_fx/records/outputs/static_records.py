@@ -53,11 +53,20 @@ class ModeShape(Protocol):
     """What a record reads of a mode; see `analysis.vibration.natural_modes.Mode` for shapes and
     units."""
 
-    frequency: float
-    growth: float
-    shape: npt.NDArray
-    displacements: Mapping[str, npt.NDArray]
-    effective_mass: Array
+    @property
+    def frequency(self) -> float: ...
+
+    @property
+    def growth(self) -> float: ...
+
+    @property
+    def shape(self) -> npt.NDArray: ...
+
+    @property
+    def displacements(self) -> Mapping[str, npt.NDArray]: ...
+
+    @property
+    def effective_mass(self) -> Array: ...
 
 
 class ModeView:

@@ -22,6 +22,7 @@ from .points import GasFlow as GasFlow
 from .points import GasState as GasState
 from .points import JointForce as JointForce
 from .points import Position as Position
+from .points import Reaction as Reaction
 from .points import RingArea as RingArea
 from .points import Velocity as Velocity
 from .rotation import AngularMomentum as AngularMomentum

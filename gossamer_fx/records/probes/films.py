@@ -7,15 +7,25 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+from dolfinx import la
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check_on_all
+from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.mesh.linear_pieces import linear_pieces
 from gossamer_fx.core.model.body import Vector
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.fields.best_surface import Z_AXIS, Surface, best_surface, cells_of
+from gossamer_fx.records.fields.best_surface import (
+    Z_AXIS,
+    Samples,
+    Surface,
+    best_surface,
+    cells_of,
+    rms_slopes,
+)
 from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
@@ -205,7 +215,7 @@ class StateArea(_FilmArea):
 @check_arguments
 class SurfaceError:
     """How far a film is from the plane, paraboloid or sphere that fits it best; see
-    `gx.analysis.best_surface`.
+    `gx.analysis.best_surface`.  The rms has a derivative, e.g. for `gx.analysis.gradient`.
 
     Args:
         film: the film.
@@ -256,6 +266,28 @@ class SurfaceError:
             at=self.at,
         )
         return float(getattr(found, self.quantity))
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative of the rms by the positions; `InputError` of other quantities."""
+        check(
+            self.quantity == "rms" and self.at == "end",
+            f"SurfaceError: the {self.quantity} at the {self.at} has no derivative here; take the "
+            'rms at the "end".',
+        )
+        film = self.film
+        samples = Samples.of(system, film, self.group, self.at)
+        slopes = rms_slopes(samples, self.surface, self.axis)
+        nodes = linear_pieces(film.full.space.dofmap.list[cells_of(film, self.group)], 2)
+        dofs = film.space.dofmap
+        b = la.vector(dofs.index_map, dofs.index_map_bs)
+        b.array[:] = 0
+        np.add.at(b.array.reshape(-1, 3), nodes.ravel(), slopes)
+        b.scatter_reverse(la.InsertMode.add)
+        with by_position as values:
+            owned = system.unknowns.block(film).owned
+            system.unknowns.coordinates[film].add_forces(b.array, values[owned])
 
 
 @check_arguments

@@ -133,12 +133,13 @@ class Attitude:
 
 @check_arguments
 class LoadResultant:
-    """Component of the force [N] of a load, or of its torque [N m] about the centre of mass, last
-    step.
+    """Component of the force [N] of a load, or of its torque [N m], in the last step.
 
     Args:
-        orbit: the orbit of the scene.
-        load: name of a load.  The load of the orbit itself is gravity less the acceleration of the
+        about: point (3,) [m] of the torque, fixed in space; or the orbit of the scene, for the
+            torque about the centre of mass.
+        load: name of a load: of a pressure, weight, wind, sunlight, force, thruster.  Loads of one
+            name are added.  The load of the orbit itself is gravity less the acceleration of the
             frame that flies with it.
         action: "force" or "torque".
         axis: "x", "y" or "z".
@@ -148,20 +149,22 @@ class LoadResultant:
 
     Example:
         >>> thrust = gx.probes.LoadResultant(orbit, "sunlight", action="force", axis="x")
+        >>> tilt = gx.probes.LoadResultant((0, 0, 0), "wind", action="torque", axis="y")
     """
 
     def __init__(
         self,
-        orbit: Orbit,
+        about: Orbit | tuple[float, float, float],
         load: str,
         *,
         action: Literal["force", "torque"],
         axis: AxisName,
     ) -> None:
-        self.orbit = orbit
+        self.about = about
         self.load = load
         self.action = action
         self.axis: AxisName = axis
+        self.unit = {"force": "N", "torque": "N m"}[action]
 
     def __call__(self, run: StateView) -> float:
         """The component of the force [N] or torque [N m] in the last step of a run.  Collective.
@@ -176,8 +179,11 @@ class LoadResultant:
         component = AXES[self.axis]
         if self.action == "force":
             return float(force[component])
-        # Resultants are about the origin of the frame, which only follows the centre of mass.
-        centre = self.orbit.flight(run.system.unknowns).centre
+        # Resultants are about the origin; that of a frame in orbit only follows the centre of mass.
+        if isinstance(self.about, Orbit):
+            centre = self.about.flight(run.system.unknowns).centre
+        else:
+            centre = np.asarray(self.about, dtype=float)
         about_centre = torque - np.cross(centre, force)
         return float(about_centre[component])
 

@@ -13,7 +13,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.records.fields.reactions import Joint, joint_force
+from gossamer_fx.records.fields.reactions import GroundForce, Joint, NamedPart, joint_force
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import ForSystem, StateView, chamber_state
 
@@ -267,6 +267,80 @@ class JointForce:
         """The component [N] in the last step of a run."""
         force, _ = joint_force(run.system, self.joint)
         return float(force[AXES[self.axis]])
+
+
+@check_arguments
+class Reaction:
+    """Component of the force [N], or of its moment [N m], that the ground exerts on the scene
+    through a support, joint or connector, in the last step.
+
+    Of a joint or connector between two bodies it is what its second side `b` bears; side `a` bears
+    the opposite.  The force of a rope or spring includes that of its damping.  In a run the forces
+    through all items on the ground, and those of loads (`LoadResultant`) and obstacles
+    (`ContactForce`), are the change of the momentum over the step; at rest their sum is zero.
+
+    Args:
+        of: a support such as `Fixed`, a joint, or a spring, damper, rope, tether or stop of the
+            scene.
+        axis: "x", "y" or "z".
+        action: "force", or "moment".
+        about: point (3,) [m] of the moment, fixed in space.
+
+    Raises:
+        InputError: the axis is unknown; when called, the item is not in the scene, or is none that
+            holds something.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> hook = gx.Ground((0.0, 0.0, 1.0))
+        >>> spring = gx.connectors.Spring(mass.port(), hook, stiffness=100.0, length=1.0)
+        >>> statics = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = statics.find()
+        >>> round(gx.probes.Reaction(spring, "z")(statics), 6)
+        10.0
+    """
+
+    def __init__(
+        self,
+        of: NamedPart,
+        axis: AxisName,
+        *,
+        action: Literal["force", "moment"] = "force",
+        about: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.of = of
+        self.axis: AxisName = axis
+        self.action: Literal["force", "moment"] = action
+        self.about = about
+        self.unit = {"force": "N", "moment": "N m"}[action]
+        self._force = ForSystem(lambda system: GroundForce(system, of))
+
+    def __call__(self, run: StateView) -> float:
+        """The component in the last step of a run, or in an equilibrium.  Collective."""
+        force, moment = self._force(run.system)(self.about)
+        vector = force if self.action == "force" else moment
+        return float(vector[AXES[self.axis]])
+
+    @classmethod
+    def components(
+        cls, of: NamedPart, name: str, *, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> dict[str, Reaction]:
+        """Probes of all six components by the names of their columns, "NAME force x [N]" to "NAME
+        moment z [N m]", e.g. for `Series`, `outputs.Probes` or `Case`.
+
+        Args:
+            of: a support, joint or connector of the scene.
+            name: with which the names of the columns begin.
+            about: point (3,) [m] of the moments.
+
+        Example:
+            >>> clamp = gx.Fixed(film, "left")
+            >>> list(gx.probes.Reaction.components(clamp, "clamp"))[:2]
+            ['clamp force x [N]', 'clamp force y [N]']
+        """
+        actions: tuple[Literal["force", "moment"], ...] = ("force", "moment")
+        probes = [cls(of, axis, action=action, about=about) for action in actions for axis in AXES]
+        return {f"{name} {one.action} {one.axis} [{one.unit}]": one for one in probes}
 
 
 @check_arguments

@@ -410,7 +410,7 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
 
 
 # Number of the format; it changes with the contents of the files.
-FORMAT = 9
+FORMAT = 10
 
 # A file is summed in blocks of this many bytes, so that its size does not matter.
 CHECKSUM_BLOCK = 1 << 20

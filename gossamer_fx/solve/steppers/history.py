@@ -33,6 +33,9 @@ class History:
             "velocities": system.unknowns.v0,
             "coordinates before": system.unknowns.previous,
         }
+        if system.unknowns.supports.forces is not None:
+            # Else reactions after a restart were zero until the next step.
+            self.vectors["reactions"] = system.unknowns.supports.forces
         self.cells: dict[str, tuple[MeshBody, Array]] = {}
         self._variables: dict[str, HistoryVariables | Carrier] = {}
         self._find_carriers(carriers)

@@ -1,0 +1,896 @@
+"""Rows: what acts between ports of bodies by a law of point measures.
+
+A law is a plain function of the measures of one tuple of ports at both ends of a step, of history
+variables at its start, of its length and of numbers:
+
+    law(e0, e1, z0, h, numbers) -> Response(stress, energy, loss, history, ...)
+
+It is compiled with its derivatives (`core.laws`) and called for all tuples at once; terms with the
+same law are one array.  With the stress S_mean the force of a step is S_mean·De(q_mid), and
+
+    S_mean·(e1 - e0) = ψ1 - ψ0 + loss - supplied
+
+closes the energy balance, see `discrete_gradient`.  A rule that does not conserve energy takes the
+stress of one strain instead.  Measures are evaluated on the rank of their first port.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice, pairwise
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.point_measures import (
+    Gather,
+    PointMeasure,
+    PointMeasures,
+    Ports,
+    add_blocks,
+    attach_all,
+    evaluated_here,
+    nodes_of,
+    refuse_ports_outside,
+)
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.laws.law import Derivatives, Law, compile_law
+from gossamer_fx.core.laws.tracing import Number, at_most
+from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.terms import Parameter
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+    HistoryVariables,
+)
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
+
+
+@dataclass(frozen=True)
+class Response:
+    """What the law of a tuple of ports returns for a step.
+
+    Args:
+        stress: S_mean (m,) [J per unit of the measures], the derivative of a mean energy.
+        energy: ψ [J] at the end of the step.
+        loss: dissipated energy [J] of the step.
+        history: history variables z1 at the end of the step.
+        supplied: work [J] of a motor in the step.
+        excess: positive where the step leaves the range in which the law is known.
+    """
+
+    stress: Sequence[Number]
+    energy: Number = 0.0
+    loss: Number = 0.0
+    history: Sequence[Number] = ()
+    supplied: Number = 0.0
+    excess: Number = -1.0
+
+
+# law(e0, e1, z0, h, numbers); arguments and result are those of one tuple of ports.
+RowLaw = Callable[[Sequence[Any], Sequence[Any], Sequence[Any], Any, Any], Response]
+
+
+def positive_part(y: Number) -> Number:
+    """max(y, 0) without a branch of the law."""
+    return at_most(y, 0.0, holds=0.0, fails=y)
+
+
+def one_sided_average(y0: Number, y1: Number) -> Number:
+    """Average T_mean of T(y) = max(y, 0) along the straight path from y0 to y1, in any unit.
+
+    It is exact, also where the path passes zero: T_mean (y1 - y0) = ½ max(y1, 0)² - ½ max(y0, 0)².
+    It does not divide by a small change: that is done only where the path passes zero, and there
+    |y1 - y0| >= |y1|.
+    """
+    pull0 = positive_part(y0)
+    pull1 = positive_part(y1)
+    passes_zero = at_most(
+        y0,
+        0.0,
+        holds=at_most(y1, 0.0, holds=0.0, fails=1.0),
+        fails=at_most(y1, 0.0, holds=1.0, fails=0.0),
+    )
+    # Elsewhere the divisor is 1: its quotient is not taken, and must not divide by zero.
+    change = at_most(passes_zero, 0.5, holds=1.0, fails=y1 - y0)
+    quotient = (pull1 * pull1 - pull0 * pull0) / (2 * change)
+    # Where T is linear all the way, the trapezoidal rule is exact.
+    return at_most(passes_zero, 0.5, holds=(pull0 + pull1) / 2, fails=quotient)
+
+
+class RowHistory(HistoryVariables):
+    """History variables of the tuples of ports of one term, and driven numbers at the start of the
+    step, on the rank that evaluates them.
+
+    Attributes:
+        present: (n, z) at the start of the step; written to by the engine.
+        before: (n, z) at the start of the last accepted step.
+    """
+
+    def __init__(
+        self,
+        ports: Sequence[Ports],
+        variables: Mapping[str, float | Array],
+        driven: Mapping[str, Callable[[float], float]],
+    ) -> None:
+        self._here = evaluated_here(ports)
+        self._count = len(ports)
+        first = next(port for port in ports[0] if isinstance(port, Port))
+        self._comm = first.body.comm
+        self._follows_time = bool(driven)
+        columns = [np.broadcast_to(value, self._count)[self._here] for value in variables.values()]
+        columns += [np.full(len(self._here), course(0.0)) for course in driven.values()]
+        self.present: Array = np.stack(columns, axis=1).astype(float)
+        self.before: Array = self.present.copy()
+
+    def all_tuples(self, values: Array) -> Array:
+        """Values (n, z) of this rank's tuples as those of all tuples of the term.  Collective."""
+        table = np.zeros((self._count, values.shape[1]))
+        table[self._here] = values
+        return np.asarray(self._comm.allreduce(table))
+
+    def get_history(self) -> dict[str, Any]:
+        return {
+            "present": self.all_tuples(self.present).tolist(),
+            "before": self.all_tuples(self.before).tolist(),
+        }
+
+    def shape_history(self) -> dict[str, Any] | None:
+        # A number that is given over time has the value of the time at which a scene starts.
+        return None if self._follows_time else self.get_history()
+
+    def set_history(self, state: dict[str, Any]) -> None:
+        self.present[:] = np.array(state["present"])[self._here]
+        self.before[:] = np.array(state["before"])[self._here]
+
+
+class LawOfRows:
+    """A compiled law of rows, and where its inputs and outputs stand.  Collective.
+
+    Args:
+        law: of one tuple of ports.
+        m: number of measures.
+        numbers: names of its numbers, with the length of a vector or None for one number.
+        variables: number of history variables.
+        driven: names of numbers that change with time, `name`0 at the start and `name`1 at the end
+            of a step.
+        is_viscous: whether it takes the strains at both ends with every stress rule.
+        comm: whose ranks compile it together.
+    """
+
+    def __init__(
+        self,
+        law: RowLaw,
+        m: int,
+        numbers: Mapping[str, int | None],
+        comm: MPI.Intracomm,
+        *,
+        variables: int = 0,
+        driven: Sequence[str] = (),
+        is_viscous: bool = False,
+    ) -> None:
+        self.m = m
+        self.variables = variables
+        self.driven_count = len(driven)
+        self.is_viscous = is_viscous
+        at_both_ends = [f"{name}{end}" for end in "01" for name in driven]
+        self._sizes: dict[str, int | None] = dict.fromkeys(at_both_ends) | dict(numbers)
+        self._law = law
+        self._comm = comm
+        # Columns of the inputs
+        self.start = slice(0, m)
+        self.end = slice(m, 2 * m)
+        self.history = slice(2 * m, 2 * m + variables)
+        self.length_of_step = 2 * m + variables
+        first = self.length_of_step + 1
+        self.driven_start = slice(first, first + len(driven))
+        self.driven_end = slice(first + len(driven), first + 2 * len(driven))
+        self._names = [f"e0_{i}" for i in range(m)] + [f"e1_{i}" for i in range(m)]
+        self._names += [f"z_{i}" for i in range(variables)] + ["h"]
+        for name, size in self._sizes.items():
+            self._names += [name] if size is None else [f"{name}_{i}" for i in range(size)]
+        self.numbers = slice(self.driven_end.stop, len(self._names))
+        self.width = len(self._names)
+        # Columns of the outputs behind the stresses
+        self.energy, self.loss, self.supplied, self.excess = range(m, m + 4)
+        self.next_history = slice(m + 4, m + 4 + variables)
+        self._by_end = self._compile(self._names[self.end])
+        self._by_number: Law | None = None
+
+    def _compile(self, by: Sequence[str]) -> Law:
+        return compile_law(
+            self._of_one_row,
+            by=by,
+            comm=self._comm,
+            names=self._names,
+            output_count=self.next_history.stop,
+        )
+
+    def _of_one_row(self, *inputs: Number) -> list[Number]:
+        """The law as a function of one list of numbers."""
+        given = iter(inputs)
+
+        def several(count: int) -> tuple[Number, ...]:
+            return tuple(islice(given, count))
+
+        e0 = several(self.m)
+        e1 = several(self.m)
+        z0 = several(self.variables)
+        h = next(given)
+        numbers = {}
+        for name, size in self._sizes.items():
+            numbers[name] = next(given) if size is None else several(size)
+        response = self._law(e0, e1, z0, h, SimpleNamespace(**numbers))
+        totals = (response.energy, response.loss, response.supplied, response.excess)
+        return [*response.stress, *totals, *response.history]
+
+    @property
+    def derivatives(self) -> Derivatives:
+        """How derivatives are taken."""
+        return self._by_end.derivatives
+
+    def column(self, name: str) -> int:
+        """The column of a number among the inputs."""
+        return self._names.index(name)
+
+    def __call__(self, x: Any, *, slopes: bool) -> tuple[Array, Array]:
+        """Outputs (n, outputs) of inputs (n, width), and with `slopes` their derivatives (n,
+        outputs, m) by e1."""
+        return self._by_end.of_rows(x, slopes=slopes)
+
+    def by_number(self, x: Any, name: str) -> Array:
+        """Derivatives (n, outputs) by a number.  Collective at the first call."""
+        scalars = [name for name, size in self._sizes.items() if size is None]
+        if self._by_number is None:
+            self._by_number = self._compile(scalars)
+        return self._by_number.of_rows(x)[1][:, :, scalars.index(name)]
+
+
+class Stencil:
+    """Measures of one kind with one law: their forces, tangents and energies, with forces at q_mid
+    = (1 - α) q0 + α q1.
+
+    In the methods q1 (n, D) are the unknowns of n tuples of ports at the end of the step, positions
+    [m] and directors [-].  A result is reused for the same array object: it must not be changed in
+    place.  With pairs that change from step to step, a new stencil is made for each list of them.
+
+    Args:
+        at: the measures.
+        law: compiled for as many measures.
+        numbers: (n, numbers) of each tuple, or of all of them (numbers,).
+        rule: which stress acts in a step.
+        state: (n, z) history variables and driven numbers at the start, changed in place.
+
+    Attributes:
+        h: length [s] of the step, 1 s until it is set.
+        e0: measures (n, m) at the start of the step, zero until `keep` sets it.
+        driven: (n, d) driven numbers at the end of the step.
+    """
+
+    def __init__(
+        self,
+        at: PointMeasures,
+        law: LawOfRows,
+        numbers: Array | Sequence[float],
+        rule: StressRule,
+        state: Array | None = None,
+    ) -> None:
+        self.at = at
+        self.law = law
+        self._rule = rule
+        self._takes_mid_strain = rule.takes_mid_strain and not law.is_viscous
+        self.h = 1.0
+        self.state: Array = np.zeros((at.n, 0)) if state is None else state
+        self.before = self.state.copy()
+        self.driven = self.state[:, law.variables :].copy()
+        self._has_begun = False
+        self._x = np.zeros((at.n, law.width))
+        self._x[:, law.numbers] = numbers
+        # Unknowns q1 (n, D), vectors (n, 3k), and stresses (n, m) with their derivatives (n, m, m)
+        # of the last evaluation, for forces and tangent of one iterate.
+        self._known: tuple[Array, Array, Array, Array] | None = None
+        self.start_from(np.zeros((at.n, at.D)))
+
+    @property
+    def numbers(self) -> Array:
+        """Numbers (n, numbers) of the law."""
+        return self._x[:, self.law.numbers]
+
+    def keep(self, q0: Array) -> None:
+        """Start the next step from the unknowns q0 (n, D), at which the last one ended."""
+        if self.state.shape[1]:
+            self._advance(self.at.measure(self.at.vectors(q0)))
+        self.start_from(q0)
+
+    def start_from(self, q0: Array) -> None:
+        """Set the unknowns q0 (n, D) at the start of a step, with the present history variables."""
+        self._Y0 = self.at.vectors(q0)
+        self.e0 = self.at.measure(self._Y0)
+        self._known = None
+
+    def _advance(self, e1: Array) -> None:
+        """Set the history variables at the end e1 (n, m) of a step."""
+        law = self.law
+        if not self._has_begun:
+            # As if the initial state had been reached before the run
+            self._has_begun = True
+            self.state[:, : law.variables] = self.resting_history(e1)
+            self.before[:] = self.state
+            return
+        self.before[:] = self.state
+        # In a search for rest they change at its start only, not in its pseudo-steps.
+        if not self._rule.is_static:
+            self.state[:, : law.variables] = self._outputs(self.e0, e1)[:, law.next_history]
+        self.state[:, law.variables :] = self.driven
+
+    def begin_search(self) -> None:
+        """Set the history variables of the accepted state, from which a search for rest starts."""
+        if self.law.variables:
+            self.state[:, : self.law.variables] = self.resting_history(self.e0)
+
+    def resting_history(self, e: Array) -> Array:
+        """History variables (n, z) of a state that stays at the measures e (n, m)."""
+        return self._outputs(e, e, None, 0.0)[:, self.law.next_history]
+
+    def _outputs(self, *inputs: Any) -> Array:
+        """Outputs (n, outputs) of the law for `_inputs`."""
+        return self.law(self._inputs(*inputs), slopes=False)[0]
+
+    def _inputs(
+        self,
+        e0: Array,
+        e1: Array,
+        driven: tuple[Array, Array] | None = None,
+        h: float | None = None,
+    ) -> Array:
+        """Inputs (n, width) of the law between two measures (n, m), with driven numbers (n, d) at
+        both ends, by default those of the step; overwritten by the next call."""
+        law = self.law
+        x = self._x
+        x[:, law.start] = e0
+        x[:, law.end] = e1
+        x[:, law.length_of_step] = self.h if h is None else h
+        if self.state.shape[1]:
+            start, end = driven or (self.state[:, law.variables :], self.driven)
+            x[:, law.history] = self.state[:, : law.variables]
+            x[:, law.driven_start] = start
+            x[:, law.driven_end] = end
+        return x
+
+    @property
+    def _takes_one_end(self) -> bool:
+        """Whether the stress is that of one strain and not the mean of a path."""
+        return not (self._rule.conserves or self.law.is_viscous)
+
+    def _step_inputs(self, e1: Array) -> Array:
+        """Inputs of the law for the stress of the step to e1 (n, m) by the rule."""
+        if self._takes_one_end:
+            return self._inputs(e1, e1, (self.driven, self.driven))
+        return self._inputs(self.e0, e1)
+
+    def force(self, q1: Array) -> Array:
+        """Forces S_mean·De(q_mid) (n, D) [N] of a step on the unknowns, with the mean stress
+        S_mean.  They are computed where there is stress: slack ropes and open stops cost little."""
+        # Y (n, 3k): the vectors of which the strains are made; S (n, m): their mean stresses.
+        Y, S, _ = self._end(q1)
+        on = _all_or_some(S.any(axis=1))
+        slope = self.at.slope(self._middle(Y, on), on)
+        forces_on_vectors = S[on][:, None] @ slope
+        forces = self.at.forces(forces_on_vectors, on)[:, 0]
+        # All rows have stress: nothing is to be scattered.
+        if isinstance(on, slice):
+            return forces
+        found = np.zeros_like(q1)
+        found[on] = forces
+        return found
+
+    def tangent(self, q1: Array) -> Array:
+        """De(q_mid)ᵀ dS_mean/de1 De(q1) + α S_mean·D²e (n, D, D), computed where it is not zero."""
+        K, on = self._stiffness(q1)
+        if isinstance(on, slice):
+            return self.at.stiffness(K)
+        found = np.zeros((self.at.n, self.at.D, self.at.D))
+        found[on] = self.at.stiffness(K, on)
+        return found
+
+    def add_tangent(self, A: PETSc.Mat, q1: Array) -> None:
+        """Add the derivatives [N/m] of the forces by q1 to a matrix that is not yet assembled."""
+        at = self.at
+        if at.share_unknowns:
+            # One block is entered instead of n at the same rows.  K (r, 3k, 3k) is the stiffness of
+            # the rows `on` that have one.
+            K, on = self._stiffness(q1)
+            total = at.sum_of_stiffness(K, on)
+            add_blocks(A, at.indices[:1], at.indices[:1], total[None])
+        else:
+            add_blocks(A, at.indices, at.indices, self.tangent(q1))
+
+    def _stiffness(self, q1: Array) -> tuple[Array, Any]:
+        """Stiffness (r, 3k, 3k) [N/m]: derivatives of the forces on the k vectors that strains are
+        made of by these vectors; and the indices (r,) of the rows that have stress or stiffness, or
+        a slice if all have."""
+        # Y (n, 3k): the vectors; S (n, m): mean stresses; dS (n, m, m): their derivatives by the
+        # strains at the end; α: weight of the end in the configuration where forces act.
+        Y, S, dS = self._end(q1)
+        on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
+        slope_mid = self.at.slope(self._middle(Y, on), on)
+        # The slope of the strain of S by the vectors at the end.  Not that of De in S·De(q_mid), so
+        # that the tangent is not symmetric, unless the rule takes the strain in the middle.
+        slope: Array = self._rule.alpha * slope_mid
+        if not self._takes_mid_strain:
+            slope = self.at.slope(Y[on], on)
+        material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope)
+        geometric = self._rule.alpha * self.at.geometric(S[on], on)
+        return material + geometric, on
+
+    def _middle(self, Y: Array, on: Any) -> Array:
+        """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`, from those Y
+        (n, 3k) at the end of the step."""
+        α = self._rule.alpha
+        return (1 - α) * self._Y0[on] + α * Y[on]
+
+    def _strain(self, Y: Array) -> Array:
+        """Strains (n, m) that the rule takes, of the vectors Y (n, 3k) at the end of the step."""
+        of_strain = self._middle(Y, slice(None)) if self._takes_mid_strain else Y
+        return self.at.measure(of_strain)
+
+    def _end(self, q1: Array) -> tuple[Array, Array, Array]:
+        """The k vectors (n, 3k) of which the strains are made at q1, and the mean stress (n, m) of
+        the step with its derivatives (n, m, m) by the strains that the rule takes."""
+        # The same array object, not equal numbers: a comparison would cost as much as it saves.
+        if self._known is None or self._known[0] is not q1:
+            Y = self.at.vectors(q1)
+            outputs, slopes = self.law(self._step_inputs(self._strain(Y)), slopes=True)
+            m = self.law.m
+            # Both strains of a mean are that of the end: each has half of the derivative.
+            dS = 2 * slopes[:, :m] if self._takes_one_end else slopes[:, :m]
+            self._known = q1, Y, outputs[:, :m], dS
+        return self._known[1:]
+
+    def stresses(self, q1: Array) -> tuple[Array, Array]:
+        """Mean stresses (n, m) of a step, and the measures (n, m) of the configuration in which
+        they act."""
+        Y, S, _ = self._end(q1)
+        return S, self.at.measure(self._middle(Y, slice(None)))
+
+    def energy(self) -> Array:
+        """ψ (n,) at the start of the step."""
+        driven = self.state[:, self.law.variables :]
+        return self._outputs(self.e0, self.e0, (driven, driven))[:, self.law.energy]
+
+    def of_step(self, q1: Array) -> Array:
+        """Outputs (n, outputs) of the law for the step from its start to q1, whatever the rule."""
+        return self._outputs(self.e0, self.at.strain(q1))
+
+    def force_by_number(self, q1: Array, name: str) -> Array:
+        """Derivatives (n, D) of the forces [N] of a step by a number of the law."""
+        Y = self.at.vectors(q1)
+        by_number = self.law.by_number(self._step_inputs(self._strain(Y)), name)
+        dS = by_number[:, : self.law.m]
+        forces: Array = self.at.forces(dS[:, None] @ self.at.slope(self._middle(Y, slice(None))))
+        return forces[:, 0]
+
+    def energy_by_number(self, q1: Array, name: str) -> Array:
+        """∂ψ/∂number (n,) at the end of the step."""
+        e1 = self.at.strain(q1)
+        return self.law.by_number(self._inputs(e1, e1), name)[:, self.law.energy]
+
+    def set_number(self, name: str, value: float, rows: slice) -> None:
+        """Give a number of the law a value in some rows."""
+        self._x[rows, self.law.column(name)] = value
+        self._known = None
+
+
+def _all_or_some(on: Any) -> Any:
+    """Indices where it is true (n,); a slice, which copies nothing, where it is true everywhere."""
+    if on.all():
+        return slice(None)
+    return np.flatnonzero(on)
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Terms of one law as one array: a thousand ropes cost little more than one.
+
+    Attributes:
+        terms: with consecutive rows of the stencil each, `rows`.
+    """
+
+    terms: Sequence[Rows]
+    rows: Sequence[slice]
+    stencil: Stencil
+
+    def sums(self, values: Array) -> Array:
+        """Sums of values (n,) over the rows of each term."""
+        return np.bincount(self.stencil.at.owner, values, len(self.terms)).astype(float)
+
+
+def _group(terms: Sequence[Rows], system: Assembly) -> _Group:
+    """Compile terms of one law.  Collective."""
+    first = terms[0]
+    measures = [term.measure for term in terms]
+    at = PointMeasures(system.numbering, system.bodies, measures)
+    law = LawOfRows(
+        first.law,
+        at.m,
+        first.sizes,
+        system.comm,
+        variables=len(first.variables),
+        driven=tuple(first.driven),
+        is_viscous=first.is_viscous,
+    )
+    numbers = np.zeros((at.n, law.numbers.stop - law.numbers.start))
+    history = np.zeros((at.n, law.variables + law.driven_count))
+    stencil = Stencil(at, law, numbers, system.rule, history)
+    ends = np.searchsorted(at.owner, np.arange(len(terms) + 1))
+    rows = [slice(int(start), int(end)) for start, end in pairwise(ends)]
+    for term, of_term in zip(terms, rows, strict=True):
+        stencil.numbers[of_term] = term.numbers_here()
+        if term.history is not None:
+            # From now on they are parts of the arrays of the group.
+            history[of_term] = term.history.present
+            stencil.before[of_term] = term.history.before
+            term.history.present = history[of_term]
+            term.history.before = stencil.before[of_term]
+    stencil.driven[:] = history[:, law.variables :]
+    return _Group(terms, rows, stencil)
+
+
+class CompiledRows(Differentiable, CompiledTerms["Rows"]):
+    """All `Rows` of a scene.
+
+    Methods without a text here are described in `terms.assembly`.
+    """
+
+    has_shape_derivative = True
+
+    def __init__(self, terms: Sequence[Rows], system: Assembly) -> None:
+        tuples = [(term.name, term.measure.ports) for term in terms]
+        refuse_ports_outside(system.comm, system.bodies, tuples)
+        self._system = system
+        self._terms = terms
+        for term in terms:
+            check(
+                not (term.driven or term.needs_both_ends) or not system.rule.takes_mid_strain,
+                f"'{term.name}': its law has forces by the strains at the ends of a step; "
+                "run its scene with Midpoint.",
+            )
+        alike: dict[Any, list[Rows]] = {}
+        for term in terms:
+            alike.setdefault(term.kind, []).append(term)
+        self._groups = [_group(of_kind, system) for of_kind in alike.values()]
+        self.losses = [
+            term.name for group in self._groups for term in group.terms if term.dissipates
+        ]
+        indices = [group.stencil.at.indices for group in self._groups]
+        self._gather = Gather(system.numbering, indices)
+        # Unknowns of the stencils in q1, fetched once in an iteration.
+        self._ends: list[Array] | None = None
+        # New values of numbers of laws, such as a stiffness, that `set_number` changed after the
+        # compilation, by the identity of the term and the name of the number.
+        self._numbers: dict[tuple[int, str], float] = {}
+
+    def begin_search(self) -> None:
+        for group in self._groups:
+            group.stencil.begin_search()
+
+    def begin_step(self, t: float) -> None:
+        self._ends = None
+        # Driven numbers are those of the end, also where the forces are those of the middle.
+        end = self._system.time + self._system.h
+        for group in self._groups:
+            stencil = group.stencil
+            stencil.h = self._system.h
+            if stencil.law.driven_count:
+                for term, rows in zip(group.terms, group.rows, strict=True):
+                    stencil.driven[rows] = [course(end) for course in term.driven.values()]
+
+    def update(self, linearly: bool) -> None:
+        self._ends = None
+
+    def inadmissible(self) -> str:
+        if not any(term.range for term in self._terms):
+            return ""
+        problems: list[Rows] = []
+        for group, q in self._at_end():
+            if group.terms[0].range:
+                excess = group.stencil.of_step(q)[:, group.stencil.law.excess]
+                problems += [group.terms[i] for i in group.stencil.at.owner[excess >= 0]]
+        names = [f"'{term.name}' passes {term.range}" for term in problems]
+        first_here = min(names, default="")
+        first = min(filter(None, self._system.comm.allgather(first_here)), default="")
+        return first and f"{first}, beyond which its moment would jump"
+
+    def _at_end(self) -> Iterator[tuple[_Group, Array]]:
+        """Each group with its unknowns (n, D) at the end of the step.  Collective."""
+        if self._ends is None:
+            self._ends = self._gather(self._system.q1)
+        return zip(self._groups, self._ends, strict=True)
+
+    def commit(self) -> None:
+        for group, q in zip(self._groups, self._gather(self._system.q0), strict=True):
+            group.stencil.keep(q)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        for group, q in self._at_end():
+            indices = group.stencil.at.indices.ravel()
+            forces = group.stencil.force(q).ravel()
+            r.setValues(indices, forces, addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        for group, q in self._at_end():
+            group.stencil.add_tangent(A, q)
+
+    def energies(self) -> dict[str, float]:
+        found = dict.fromkeys((term.name for term in self._terms if term.stores), 0.0)
+        for group in self._groups:
+            if group.terms[0].stores:
+                shares = group.sums(group.stencil.energy())
+                for term, share in zip(group.terms, shares, strict=True):
+                    found[term.name] += float(share)
+        return found
+
+    def dissipated(self) -> Array:
+        found: list[float] = []
+        for group, q in self._at_end():
+            first = group.terms[0]
+            if not first.dissipates:
+                continue
+            losses = group.sums(group.stencil.of_step(q)[:, group.stencil.law.loss])
+            # A damper loses a power, which no pseudo-time multiplies in a search for rest; what
+            # yields loses the same, however slowly.
+            if self._system.rule.is_static and first.is_viscous:
+                losses = np.zeros_like(losses)
+            found.extend(losses)
+        return np.array(found)
+
+    def supplied(self) -> float:
+        total = 0.0
+        for group, q in self._at_end():
+            if group.terms[0].driven:
+                total += float(group.stencil.of_step(q)[:, group.stencil.law.supplied].sum())
+        return total
+
+    def stresses(
+        self, term: Rows, rule: StressRule, *, at_start: bool = False
+    ) -> tuple[Array, Array]:
+        """Measures (r, m) and stresses (r, m) of a term in the last accepted step by a rule, or at
+        its start, of the r tuples of ports that this rank evaluates
+        (`point_measures.evaluated_here`).  The measures are those of the configuration in which the
+        stresses act.  Collective."""
+        of_step, rows, k = self._last_step(term, rule)
+        end = self._system.q0
+        if at_start:
+            of_step.driven[:] = of_step.state[:, of_step.law.variables :]
+            end = self._system.previous
+        stresses, measures = of_step.stresses(self._gather(end)[k])
+        return measures[rows], stresses[rows]
+
+    def stresses_of_step(self, term: Rows) -> Array:
+        """Mean stresses (r, m) of a term in the last accepted step, of the r tuples of ports that
+        this rank evaluates.  Collective."""
+        of_step, rows, k = self._last_step(term, self._system.rule)
+        stresses, _ = of_step.stresses(self._gather(self._system.q0)[k])
+        # A damper has no force at rest, whatever the last pseudo-step of the search was.
+        if term.is_viscous and self._system.rule.is_static:
+            stresses = np.zeros_like(stresses)
+        return stresses[rows]
+
+    def _last_step(self, term: Rows, rule: StressRule) -> tuple[Stencil, slice, int]:
+        """The stencil with a term at the start of the last accepted step, the rows of the term, and
+        the index of the group.  Collective."""
+        group, rows = self._find(term)
+        k = self._groups.index(group)
+        stencil = group.stencil
+        of_step = Stencil(stencil.at, stencil.law, stencil.numbers, rule, stencil.before.copy())
+        # Not the length of a step that is tried; after a restart that is not known.
+        of_step.h = (self._system.time - self._system.previous_time) or self._system.h
+        of_step.driven[:] = stencil.state[:, stencil.law.variables :]
+        of_step.start_from(self._gather(self._system.previous)[k])
+        return of_step, rows, k
+
+    def variables_of(self, term: Rows) -> Array:
+        """History variables and driven numbers (n, z) of all tuples of a term in the accepted
+        state, the same on every rank.  Collective."""
+        assert term.history is not None
+        group, rows = self._find(term)
+        present = group.stencil.state
+        # In a search they are those of its start, and do not follow its pseudo-steps.
+        if self._system.rule.is_static and term.variables:
+            present = group.stencil.resting_history(group.stencil.e0)
+        return term.history.all_tuples(present[rows])
+
+    # ---- sensitivities ---------------------------------------------------------------------------
+
+    def get_number(self, term: Rows, key: str) -> Array:
+        return np.atleast_1d(self._numbers.get((id(term), key), term.numbers[key]))
+
+    def set_number(self, term: Rows, key: str, value: Array) -> None:
+        group, rows = self._find(term)
+        self._numbers[id(term), key] = float(value[0])
+        group.stencil.set_number(key, float(value[0]), rows)
+
+    def work_by_number(self, term: Rows, key: str, w: PETSc.Vec) -> Array:
+        group, rows = self._find(term)
+        k = self._groups.index(group)
+        q = [q for _, q in self._at_end()][k]
+        forces = group.stencil.force_by_number(q, key)
+        return np.array([np.sum(forces * self._gather(w)[k], axis=1)[rows].sum()])
+
+    def energy_by_number(self, term: Rows, key: str) -> Array:
+        group, rows = self._find(term)
+        q = [q for _, q in self._at_end()][self._groups.index(group)]
+        return np.array([group.stencil.energy_by_number(q, key)[rows].sum()])
+
+    def _find(self, term: Rows) -> tuple[_Group, slice]:
+        """The group of a term, and its rows in it."""
+        for group in self._groups:
+            for known, rows in zip(group.terms, group.rows, strict=True):
+                if known is term:
+                    return group, rows
+        raise ValueError(f"'{term.name}' is not in this scene")
+
+    def without_gradient(self) -> str:
+        for term in self._terms:
+            if term.history is not None:
+                return (
+                    f"'{term.name}' has a history or a number that is given over time, so that "
+                    "its force depends on the path; give it a law without"
+                )
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What acts between ports by a law of their measures, see the module.
+
+    Args:
+        name: of the item.
+        measure: m measures of n tuples of ports.
+        law: stress, energy and loss of one tuple of ports in a step.  Terms with the same function
+            are evaluated together.
+        numbers: what the law reads as `numbers.name`: one number, (n,) for one of each tuple, or
+            (n, k) or (1, k) for vectors.
+        parameters: numbers that have gradients.
+        variables: values of history variables at the start, one number or (n,) each; with them each
+            rank lists all tuples.
+        driven: functions of time [s]; the law reads `numbers.name0` and `numbers.name1` at the ends
+            of the step.
+        is_viscous: whether stresses depend on the rate: the law gets the strains at both ends with
+            every stress rule, and loses nothing in statics.
+        stores: whether it has an energy.
+        needs_both_ends: whether a rule is refused that takes the strain in the middle of a step.
+        range: in words, what a step may not pass, where `Response.excess` becomes positive.
+
+    Example:
+        A spring ψ = k e + ½ g e², whose mean stress is that of both ends:
+
+        >>> def hardening(e0, e1, z0, h, numbers):
+        ...     k, g = numbers.k, numbers.g
+        ...     stress = k + g * (e0[0] + e1[0]) / 2
+        ...     return Response([stress], energy=k * e1[0] + g * e1[0] ** 2 / 2)
+        >>> a = mass.port()
+        >>> b = gx.Ground((0.0, 0.0, 0.0))
+        >>> difference = np.hstack([np.eye(3), -np.eye(3)])
+        >>> H = (difference.T @ difference)[None]
+        >>> measure = PointMeasure([(a, b)], H, np.zeros((1, 6)), np.zeros(1))
+        >>> Rows("spring", measure, hardening, {"k": 2.0, "g": 1.0}).name
+        'spring'
+    """
+
+    name: str
+    measure: PointMeasure
+    law: RowLaw
+    numbers: Mapping[str, float | Array] = field(default_factory=dict)
+    parameters: tuple[Parameter, ...] = ()
+    variables: Mapping[str, float | Array] = field(default_factory=dict)
+    driven: Mapping[str, Callable[[float], float]] = field(default_factory=dict)
+    is_viscous: bool = False
+    stores: bool = True
+    needs_both_ends: bool = False
+    range: str = ""
+    history: RowHistory | None = field(init=False, default=None)
+    compiler: ClassVar[Compiler] = CompiledRows
+
+    def __post_init__(self) -> None:
+        if self.variables or self.driven:
+            history = RowHistory(self.measure.ports, self.variables, self.driven)
+            object.__setattr__(self, "history", history)
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether it may lose energy."""
+        return self.is_viscous or bool(self.variables)
+
+    @property
+    def sizes(self) -> dict[str, int | None]:
+        """The names of the numbers, with None for one number and k for a vector."""
+        sizes: dict[str, int | None] = {}
+        for name, value in self.numbers.items():
+            sizes[name] = np.shape(value)[1] if np.ndim(value) == 2 else None
+        return sizes
+
+    @property
+    def kind(self) -> Any:
+        """Hashable key of the terms that are evaluated as one array."""
+        names = (tuple(self.sizes.items()), tuple(self.variables), tuple(self.driven))
+        flags = (self.is_viscous, self.stores, self.needs_both_ends, self.range)
+        return self.law, names, flags, self.measure.H.shape, nodes_of(self.measure)
+
+    def numbers_here(self) -> Array:
+        """Numbers (n, numbers) of the tuples that this rank evaluates."""
+        here = evaluated_here(self.measure.ports)
+        count = len(self.measure.ports)
+        columns: list[Array] = [np.zeros((len(here), 0))]
+        for value in self.numbers.values():
+            column = np.asarray(value, dtype=float)
+            if column.ndim < 2:
+                column = np.broadcast_to(column, count)[:, None]
+            columns.append(np.broadcast_to(column, (count, column.shape[1]))[here])
+        return np.hstack(columns)
+
+
+# ---- kinetic energy of attached vectors ----------------------------------------------------------
+
+
+class AttachedMasses(Differentiable, CompiledTerms["AttachedKineticEnergy"]):
+    """All `AttachedKineticEnergy` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
+
+    def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
+        self._terms = terms
+        self._system = system
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        self._add(M, np.eye(3))
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix 2 w·M (spin × v) of a frame that turns with `spin` (3,) [rad/s] to G."""
+        cross = np.cross(np.eye(3), np.asarray(spin))
+        self._add(G, 2 * cross)
+
+    def _add(self, matrix: PETSc.Mat, each: Array) -> None:
+        """Add Σ_ij mass[i, j] w_i·(each v_j) of all terms to a matrix, v and w rates of attached
+        vectors; `each` (3, 3) is the unit matrix for masses, or twice the matrix of a cross product
+        with an angular velocity [rad/s] for the Coriolis force."""
+        for term in self._terms:
+            # Each tuple is added on one rank; the matrix adds up what ranks share.  The attached
+            # vectors are P q (n tuples) of unknowns q.
+            own = evaluated_here(term.ports)
+            n = len(own)
+            rows = 3 * term.mass.shape[1]
+            tuples = [term.ports[i] for i in own]
+            # Offsets of the ground are not needed: it has no velocity.
+            indices, P, _ = attach_all(
+                numbering=self._system.numbering,
+                bodies=self._system.bodies,
+                tuples=tuples,
+                rows=rows,
+            )
+            of_vectors = np.einsum("nij,ab->niajb", term.mass[own], each)
+            mass = of_vectors.reshape(n, rows, rows)
+            of_unknowns = np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
+            add_blocks(matrix, indices, indices, of_unknowns)
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedKineticEnergy:
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors.
+
+    Args:
+        ports: n tuples of k ports, as those of a `PointMeasure`.
+        mass: (n, k, k) [kg] for points; kg m and kg m² where directors take part.
+    """
+
+    ports: Sequence[tuple[Port, ...]]
+    mass: Array
+    compiler: ClassVar[Compiler] = AttachedMasses

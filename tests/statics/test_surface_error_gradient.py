@@ -1,0 +1,77 @@
+"""The derivative of the surface error: by positions, and as a gradient of an equilibrium."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import crossed_sheet
+from tests.small_scenes import at_rest
+
+LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
+
+
+def bowl(X):
+    """A dish that no surface of the search fits."""
+    return np.vstack([0 * X[:2], 0.3 * X[0] ** 2 + 0.1 * X[1] ** 2 + 0.05 * np.sin(5 * X[0])])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("surface", ["plane", "paraboloid", "sphere"])
+def test_derivative_by_positions(comm, surface, order):
+    film = gx.Membrane(crossed_sheet(comm, 4, 3, 1.0, 0.7), LAW, order=order, displacement=bowl)
+    system = gx.Equilibrium(gx.Scene(film)).system
+    error = gx.probes.SurfaceError(film, surface)
+    q = system.unknowns.q0
+    by_position, by_velocity, direction = (system.unknowns.numbering.vector() for _ in range(3))
+    error.add_derivative(system, by_position, by_velocity)
+    # The same direction on any number of ranks.
+    x = q.array_r.reshape(-1, 3)
+    direction.array[:] = np.column_stack(
+        [np.sin(7 * x[:, 1]), x[:, 0] ** 2, np.cos(9 * x[:, 0] - x[:, 1])]
+    ).ravel()
+    values = []
+    for sign in (1, -1):
+        q.axpy(sign * 1e-6, direction)
+        values.append(error(_View(system)))
+        q.axpy(-sign * 1e-6, direction)
+    assert by_position.dot(direction) == pytest.approx(np.diff(values)[0] / -2e-6, rel=1e-6)
+
+
+class _View:
+    def __init__(self, system):
+        self.system = system
+
+
+@pytest.mark.mpi
+def test_gradient_of_an_equilibrium(comm):
+    """By the pressure under a film: differences of equilibria."""
+
+    def found(pressure):
+        film = gx.Membrane(crossed_sheet(comm, 6, 6), LAW, name="film")
+        rim = [gx.Fixed(film, edge, name=edge) for edge in ("left", "right", "bottom", "top")]
+        load = gx.Pressure(film, pressure, name="load")
+        return film, at_rest(*rim, load)
+
+    film, equilibrium = found(500.0)
+    error = gx.probes.SurfaceError(film, "paraboloid")
+    by_pressure = gx.analysis.gradient(equilibrium, of=error, by=["load.pressure"])
+    values = []
+    for pressure in (500.5, 499.5):
+        other, state = found(pressure)
+        values.append(gx.probes.SurfaceError(other, "paraboloid")(state))
+    assert float(np.sum(by_pressure["load.pressure"].values)) == pytest.approx(
+        values[0] - values[1], rel=1e-4
+    )
+
+
+def test_what_has_no_derivative_is_refused(comm):
+    flat = gx.Membrane(crossed_sheet(comm, 2, 2), LAW)
+    system = gx.Equilibrium(gx.Scene(flat)).system
+    vectors = [system.unknowns.numbering.vector() for _ in range(2)]
+    with pytest.raises(gx.InputError, match="no derivative; start from another shape"):
+        gx.probes.SurfaceError(flat).add_derivative(system, *vectors)
+    with pytest.raises(gx.InputError, match="take the rms"):
+        gx.probes.SurfaceError(flat, quantity="tilt").add_derivative(system, *vectors)
