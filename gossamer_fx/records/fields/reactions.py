@@ -82,20 +82,25 @@ class GroundForce:
             for term in terms
             if self._supports and issubclass(term.compiler, (QuadraticEnergies, EnergiesInTime))
         ]
-        sides = (
-            [list(_bodies(side)) for side in (item.a, item.b)] if isinstance(item, Joint) else []
-        )
         self._is_counted: Callable[[Port], bool] = lambda port: True
-        # What has a side on the ground is pushed by it, and all of its ports count.
-        if not (self._supports or self._is_on_ground()):
+        sides: list[list[Any]] = [[], []]
+        if isinstance(item, Joint):
+            sides = [list(_bodies(side)) for side in (item.a, item.b)]
+        if isinstance(item, Joint) and sides[0] and sides[1]:
             check(
-                isinstance(item, Joint) and (sides[0] != sides[1] or isinstance(item.b, Port)),
+                sides[0] != sides[1] or isinstance(item.b, Port),
+                f"'{item.name}' joins '{sides[1][0].name}' to itself, so that no one force is that "
+                "of it; ask for those of supports.",
+            )
+            self._is_counted = _on_second_side(item.b, *sides)
+        # What has a side on the ground is pushed by it, and all of its ports count.
+        elif not self._supports:
+            check(
+                self._is_on_ground(),
                 f"'{item.name}' is a {type(item).__name__} that joins no two bodies and is not on "
                 "the ground, so that no one force is that of it; ask for those of supports, or for "
                 "the tension of lines.",
             )
-            assert isinstance(item, Joint)
-            self._is_counted = _on_second_side(item.b, *sides)
 
     def _is_on_ground(self) -> bool:
         """Whether a measure of the item has a side on the ground.  Collective."""
