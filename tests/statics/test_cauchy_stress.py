@@ -94,7 +94,7 @@ def test_thickness_of_a_film_held_on_its_rim_includes_its_thermal_expansion(comm
     film = gx.Membrane(sheet(comm, 2, 2), law, thermal=cooled)
     scene = gx.Equilibrium(gx.Scene(film))
     thermal = 1 - 0.02
-    # Elastic Green-Lagrange strain, as the surface keeps its size
+    # Elastic Green-Lagrange strain, as the surface has the size of the mesh
     strain = (1 - thermal**2) / 2
     thickness = thermal * math.sqrt(1 - 2 * NU / (1 - NU) * 2 * strain)
     exact = E * strain / (1 - NU) / thickness
