@@ -83,3 +83,39 @@ def test_a_prestressed_film_in_the_shape_of_its_mesh_has_the_stress_that_was_giv
     film = gx.Membrane(sheet(comm, 2, 2), LINEAR, initial_stress=1e5)
     scene = gx.Equilibrium(gx.Scene(film))
     assert gx.probes.LargestStress(film)(scene) == pytest.approx(1e5, rel=1e-9)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", [LINEAR, gx.Miyazaki(E, NU, **FILM)], ids=["linear", "wrinkling"])
+def test_thickness_of_a_film_held_on_its_rim_includes_its_thermal_expansion(comm, law):
+    """Film that is held and cooled by Δλ = -2 %: it becomes thinner by the cold and by the tension,
+    and its area does not change."""
+    cooled = gx.materials.ThermalExpansion(1e-3, 273.0, reference=293.0)
+    film = gx.Membrane(sheet(comm, 2, 2), law, thermal=cooled)
+    scene = gx.Equilibrium(gx.Scene(film))
+    thermal = 1 - 0.02
+    # Elastic Green-Lagrange strain, as the surface has the size of the mesh
+    strain = (1 - thermal**2) / 2
+    thickness = thermal * math.sqrt(1 - 2 * NU / (1 - NU) * 2 * strain)
+    exact = E * strain / (1 - NU) / thickness
+    assert gx.probes.LargestStress(film)(scene) == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", [LINEAR, MOONEY_RIVLIN], ids=["linear", "rubber"])
+def test_force_of_a_heated_film_is_its_stress_times_its_present_section(comm, law):
+    """A film that is hot, and stretched beyond its free size: free, it would have grown by λ in all
+    directions, so that the section of one metre of mesh is λ3 of its first thickness."""
+    hot = gx.materials.ThermalExpansion(1e-3, 313.0, reference=293.0)
+    stretch = 1.1
+    film = gx.Membrane(sheet(comm, 2, 2), law, thermal=hot, displacement=lambda X: 0.1 * X)
+    scene = gx.Equilibrium(gx.Scene(film))
+    thermal = ((1.02) ** 2 - 1) / 2
+    strain = (stretch**2 - 1) / 2 - thermal
+    across = 1 / math.sqrt(1 + 2 * strain) ** 2
+    if law is LINEAR:
+        across = math.sqrt(1 - 4 * NU / (1 - NU) * strain)
+    # Nominal force over width [N/m] = S λ; section over width = t λ λ3
+    _, S = gx.fields.field_values(scene, film, field="second_piola_stress1")
+    _, values = gx.fields.field_values(scene, film, field="stress1")
+    np.testing.assert_allclose(values, S / (across * 1.02), rtol=1e-6)

@@ -141,7 +141,10 @@ def _stresses(shape: BodyShape) -> tuple[Expr, Expr]:
     body = shape.body
     S = shape.stress()
     strain = body.strain_from_mesh(shape.q_acting)
+    thermal = shape.thermal_strain
     stretched = strain
+    if thermal is not None:
+        stretched -= thermal
     law = body.law
     if type(law).taut_strain is not FilmLaw.taut_strain:
         # Wrinkles shorten the mesh and not the material.
@@ -149,6 +152,12 @@ def _stresses(shape: BodyShape) -> tuple[Expr, Expr]:
         if body.initial_strain is not None:
             stretched -= body.initial_strain
     J = law.volume_ratio(stretched, body.constants)
+    if thermal is not None:
+        # The law knows the strain that makes stress, and heat changes the size as well.
+        J *= area_ratio(stretched + thermal) / area_ratio(stretched)
+        # Across the film it expands as along it, where the law says how thick the film is.
+        if type(law).volume_ratio is not FilmLaw.volume_ratio:
+            J *= ufl.sqrt(area_ratio(thermal))
     # U = (C + √det C I)/√(tr C + 2 √det C) is the root of C = I + 2 E.
     C = ufl.as_matrix([[1 + 2 * strain[0], strain[2]], [strain[2], 1 + 2 * strain[1]]])
     area = area_ratio(strain)
