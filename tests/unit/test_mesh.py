@@ -6,6 +6,7 @@ import math
 import signal
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -479,3 +480,30 @@ def test_triangles_that_gmsh_leaves_out_are_counted(
     told = [record.getMessage() for record in caplog.records if "left out" in record.getMessage()]
     assert len(told) == (damaged > 0)
     assert not told or f"left out {damaged} triangles" in told[0]
+
+
+def test_a_crash_of_gmsh_ends_its_process_alone() -> None:
+    """PETSc's handler of crashes, which a fork inherits, would abort all ranks."""
+    program = """
+        import os
+        import signal
+
+        from petsc4py import PETSc
+
+        from gossamer_fx.core.mesh.gmsh_reader import BadMesh, in_child
+
+        PETSc.COMM_WORLD
+        try:
+            in_child(lambda: os.kill(os.getpid(), signal.SIGSEGV), "the mesh", 60.0)
+        except BadMesh as error:
+            print(error)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "the mesh" in done.stdout
+    assert done.returncode == 0
+    assert "MPI_ABORT" not in done.stderr and "PETSC ERROR" not in done.stderr

@@ -56,6 +56,10 @@ _ROUND_OFF = 1e-6
 # Seconds after which gmsh is ended: a million triangles take it 20 s.
 TIME_LIMIT = 120.0
 
+# Signals of a crash in the fork: it ends alone, where handlers of PETSc that it has inherited would
+# print a trace and abort the ranks.
+CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
+
 # Bytes at the beginning of a file that are searched for the format.
 _HEAD = 200
 
@@ -362,7 +366,7 @@ def _answer(build: Callable[[], RawMesh], what: str, pipe: int) -> NoReturn:
     """Send the mesh, or a sentence and a traceback, through a pipe, and end this fork."""
     try:
         end_with_parent()
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, *CRASHES):
             signal.signal(number, signal.SIG_DFL)
         _limit_memory()
         answer: RawMesh | tuple[str, str]
