@@ -237,6 +237,9 @@ STUDY = Study(
     quick={"model": ["cells 100 %", VECTOR], "modes": [5, 20]},
     shows=("error", "frequency", "full/reduced"),
     limits={"energy": 1e-8},
+    # Modes of one frequency are turned among each other by round-off, and so is the basis that ends
+    # within such a group: a last digit in a tape changes the error with 20 of them by 0.2 %.
+    repeatability=1e-2,
     not_repeatable={"trained": "a CPU time", "full/reduced": "a ratio of CPU times"},
     columns=COLUMNS,
     may_fail=True,
