@@ -6,10 +6,11 @@ below the rooms of the package may move.  The orbit room is written against this
 public names only, as the proof that it suffices.
 
 Parts of a scene
-    what an item may do: `BringsTerms`, which yields each `Term`, `RefersToItems`,
-    `InitialCondition`, `BringsScalarUnknowns` with `ScalarUnknowns` and `ScalarTotals`
+    `Item`, the base of all that a scene is made of, which yields each `Term`; what else an item
+    may be: `Body`, `Group`, `InitialCondition`, `Sampled`, `BringsScalarUnknowns` with
+    `ScalarUnknowns` and `ScalarTotals`
     where bodies are: `State`, `InitialState`, `BodyState`
-    bodies, and what is attached to them: `Body`, `MeshBody`, `Block`, `Port`, `Ground`, `Attached`
+    bodies, and what is attached to them: `MeshBody`, `Block`, `Port`, `Ground`, `Attached`
 General kinds of terms
     on meshes, in UFL (`Expr`, `constant`): `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`,
     `ViscousDissipation`, `Load`

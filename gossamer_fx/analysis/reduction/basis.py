@@ -59,12 +59,12 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.output import Every, Schedule, Times
+from gossamer_fx.records.outputs.output import Every, Output, Schedule, Times
 from gossamer_fx.solve.view import StateView
 
 
 @check_arguments
-class Snapshots:
+class Snapshots(Output):
     """Output that keeps positions of a film's nodes in memory; each rank keeps those of the nodes
     that it owns.
 
