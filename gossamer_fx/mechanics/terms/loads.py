@@ -24,6 +24,7 @@ from gossamer_fx.core.algebra.point_measures import (
     translation_weight,
 )
 from gossamer_fx.core.algebra.rotations import cross_matrices
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.cell_loops import assembly
 from gossamer_fx.core.forms.compilation import compile_form
