@@ -78,6 +78,7 @@ from .mechanics.contact.obstacles import ObstacleBoundary as ObstacleBoundary
 from .mechanics.contact.obstacles import ObstacleSolid as ObstacleSolid
 from .mechanics.contact.pairs import BoundaryStencil as BoundaryStencil
 from .mechanics.contact.pairs import EdgeEdge as EdgeEdge
+from .mechanics.contact.pairs import LawBoundary as LawBoundary
 from .mechanics.contact.pairs import PairStencil as PairStencil
 from .mechanics.contact.pairs import PointPlane as PointPlane
 from .mechanics.gas.contract import CompiledWall as CompiledWall
