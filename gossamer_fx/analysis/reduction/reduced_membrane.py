@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from dolfinx.common import IndexMap
 
-from gossamer_fx.analysis.reduction.basis import Basis, Snapshots, make_basis
+from gossamer_fx.analysis.reduction.basis import Basis, Shapes, make_basis
 from gossamer_fx.analysis.reduction.bending import BendingOfModes, ModalBending, bending_of_modes
 from gossamer_fx.analysis.reduction.reduced_energies import (
     ReducedCoordinates,
@@ -287,7 +287,7 @@ def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Arr
 @check_arguments
 def reduce(
     body: Membrane,
-    motions: Sequence[Snapshots],
+    motions: Sequence[Shapes],
     *,
     modes: Annotated[int, Range(1)],
     cells: Annotated[int, Range(1)] | None = None,
@@ -302,7 +302,7 @@ def reduce(
     Args:
         body: the film, or a plate on a flat mesh, whose bending is not sampled; it may not have
             creases or contact.
-        motions: `Snapshots` of runs, `ModeShapes`, or objects with such `positions`.
+        motions: `Snapshots` of runs, `ModeShapes`, or own `Shapes`.
         modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
         cells: largest number of cells of each rank over which strains are integrated, see
             `reduction.sampling`; None for all cells.  Loads on faces act on these cells, with their

@@ -65,6 +65,7 @@ _DESCRIPTIONS = {
     "Volume": "a chamber or tank",
     "Event": "an At or a When",
     "Objective": "a result with derivatives, e.g. a Position, EnclosedVolume(film) or Energy()",
+    "Shapes": "a recording of shapes, e.g. Snapshots",
     "FilmLaw": "a law of films, e.g. Miyazaki",
     "IsotropicFilm": "a law of isotropic films, e.g. Miyazaki",
     "Obstacle": "an obstacle, e.g. a Plane",
