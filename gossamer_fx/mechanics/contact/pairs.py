@@ -334,7 +334,7 @@ class LawBoundary(BoundaryStencil):
         s = np.empty(len(x), dtype=x.dtype)
         slopes = np.empty((len(x), 6), dtype=x.dtype)
         for i, (products, number) in enumerate(zip(e.T, shape, strict=True)):
-            value, first, second = self._compiled(*products.real, number)
+            value, first, second = self._compiled(*products.real.tolist(), float(number))
             # To first order in the imaginary parts, which is what complex steps need.
             s[i], slopes[i] = value[0], first[0]
             if np.iscomplexobj(x):
