@@ -56,9 +56,10 @@ PAGES = {
 _SPREAD = re.compile(r"<!-- spread (\w+) -->\n(.*?)<!-- /spread -->", re.DOTALL)
 _BETWEEN = re.compile(r"<!-- evidence (\w+) -->\n(.*?)<!-- /evidence -->", re.DOTALL)
 
-# What is no figure: code, the addresses of links, and names with digits such as "IKAROS 2".
+# What is not a figure: code, the addresses of links, and names with digits such as "IKAROS 2".
 _NO_TEXT = re.compile(r"`[^`]*`|\]\([^)]*\)")
-_NUMBER = r"[-+±]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+# Thousands may be written with a k, and millions with an M.
+_NUMBER = r"[-+±]?\d+(?:\.\d+)?(?:e[-+]?\d+)?[kM]?"
 # One value: a number, a range, a product, a number with its deviation, and a word before it.
 _VALUE = re.compile(
     rf"(?:(?:within|below|above|about|at most|at least|up to) )?{_NUMBER}"
@@ -202,9 +203,16 @@ def read_row(entry: Mapping[str, Any], columns: Sequence[Column], row: Mapping[s
     cells = []
     for column in columns:
         if column.quantity and "case" in row:
-            record = {"quantity": column.quantity, "form": column.form}
-            record |= {"factor": column.factor, "reduce": column.reduce}
-            cells.append(stored_figures.figure(source, row["case"], **record))
+            cells.append(
+                stored_figures.figure(
+                    source=source,
+                    case=row["case"],
+                    quantity=column.quantity,
+                    form=column.form,
+                    factor=column.factor,
+                    reduce=column.reduce,
+                )
+            )
             continue
         cell = next(written, None)
         if cell is None:

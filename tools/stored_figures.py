@@ -57,7 +57,12 @@ def stored_results(source: str) -> list[Result]:
 def compared(case: Case, results: list[Result]) -> Iterator[Result]:
     """What was predicted for each test, next to what was measured: numbers by quantity."""
     for test, result in results_by_test(case, results):
-        numbers: dict[str, Any] = {}
+        # What was predicted without a measurement next to it is in SI units, "y of NAME".
+        numbers: dict[str, Any] = {
+            name: value[0] if isinstance(value, list) else value
+            for name, value in result.numbers.items()
+            if not isinstance(value, list) or len(value) == 1
+        }
         for found in comparisons(test, result):
             numbers |= compared_numbers(found)
         yield Result(values={"test": test.name}, numbers=numbers, seconds=result.seconds)

@@ -13,7 +13,7 @@ from gossamer_fx.app.cli.demo import demos_of
 ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
 PAGES += ("verification",)
-ONE_VALUE = ("first_page", "benchmark", "findings", "verification")
+ONE_VALUE = PAGES
 # Parts that other commands make from result files, which have their own tests.
 MADE_ELSEWHERE = re.compile(
     r"<!-- (measured|benchmark|spread)( \w+)? -->.*?<!-- /\1 -->", re.DOTALL
