@@ -45,12 +45,16 @@ from gossamer_fx.analysis.cases.results import (  # noqa: E402
 )
 
 FOLDER = ROOT / "docs" / "evidence"
-# Pages whose tables are evidence, by the name of their file of records.
+# Pages with tables of evidence, by the name of their file of records.
 PAGES = {
     "first_page": ROOT / "README.md",
     **{
         name: ROOT / "docs" / f"{name}.md"
         for name in ("benchmark", "findings", "measured", "performance", "sources", "verification")
+    },
+    **{
+        name: ROOT / "docs" / "howto" / f"{name}.md"
+        for name in ("choose", "damping", "statics", "step_size")
     },
 }
 _SPREAD = re.compile(r"<!-- spread (\w+) -->\n(.*?)<!-- /spread -->", re.DOTALL)
