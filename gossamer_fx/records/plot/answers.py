@@ -16,7 +16,7 @@ from gossamer_fx.records.probes.points import GAS_UNITS, GasQuantity
 
 HEAD = ("", "at the end", "least over the run", "largest over the run")
 
-# Fields that are no amount: kinds of states and groups.
+# Fields whose numbers stand for kinds of states and for groups.
 _NO_AMOUNTS = ("state", "group")
 
 # Quantities of gas in the table, in this order; masses and flows are in the curves.
