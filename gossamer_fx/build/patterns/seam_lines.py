@@ -1,0 +1,275 @@
+"""Lines on triangulated surfaces: sections with planes, and lines through given points.
+
+A line crosses triangles.  It is a chain of straight segments, each of them in one triangle, that
+begin and end on sides of triangles or at given points.
+
+Algorithm of a section.  A triangle has a segment if its corners are on both sides of the plane; a
+corner in the plane counts as in front of it, so that a plane through corners or along sides of
+triangles needs no cases of its own.  A segment enters a triangle through the side that is passed
+from the front to the back, counterclockwise about the normal, and leaves it through the other one,
+which is the entrance of the next triangle.  All segments thus follow (normal of the plane) ×
+(normal of the surface).
+
+Algorithm of a line through points.  From one point to the next the line follows the section with
+the plane through both that contains the mean normal of the surface there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from gossamer_fx.build.patterns.surfaces import Numbers, Surface
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.model.body import Array
+
+# Distance of a corner from a plane, over the size of the surface, below which it is in the plane.
+IN_PLANE = 1e-9
+
+# Barycentric coordinate below which a point is on a side of a triangle.
+ON_SIDE = 1e-9
+
+# Distance of given points from the surface, over its size, that is refused.
+FAR = 0.02
+
+# Length of the way from a point to the next, over their distance, at which a search is given up.
+LONGEST_WAY = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line on a surface, of k straight segments; made by `Surface.by_planes` and others.
+
+    Attributes:
+        triangles: number (k,) of the triangle of each segment.
+        starts: (k, 3) [m].
+        ends: (k, 3) [m]; each is the start of the next segment.
+    """
+
+    triangles: Numbers
+    starts: Array
+    ends: Array
+
+    @property
+    def points(self) -> Array:
+        """The points (k + 1, 3) [m] of the line, from its start to its end."""
+        return np.concatenate([self.starts, self.ends[-1:]])
+
+    @property
+    def length(self) -> float:
+        """Length [m]."""
+        return float(np.linalg.norm(self.ends - self.starts, axis=1).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """The triangles of a surface by their sides.
+
+    Attributes:
+        across: for each triangle the one (m, 3) at the side from corner i to corner i + 1, -1 at
+            the rim.
+        at_corner: the triangles at each point.
+    """
+
+    across: Numbers
+    at_corner: list[list[int]]
+
+
+def neighbours_of(surface: Surface) -> Neighbours:
+    """The neighbours of all triangles of a surface."""
+    sides: dict[tuple[int, int], int] = {}
+    at_corner: list[list[int]] = [[] for _ in surface.points]
+    rows = surface.triangles.tolist()
+    for t, corners in enumerate(rows):
+        for i in range(3):
+            sides[corners[i], corners[(i + 1) % 3]] = t
+            at_corner[corners[i]].append(t)
+    # Normals are consistent, so that a neighbour passes the same side in the opposite direction.
+    across = [
+        [sides.get((corners[(i + 1) % 3], corners[i]), -1) for i in range(3)] for corners in rows
+    ]
+    return Neighbours(np.array(across, dtype=np.int64), at_corner)
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """The section of a surface with a plane, triangle by triangle.
+
+    Attributes:
+        enters: side (m,) through which a segment enters each triangle, -1 without a segment.
+        leaves: side (m,) through which it leaves.
+        crossings: points (m, 3, 3) [m] where the plane crosses the sides; NaN elsewhere.
+    """
+
+    enters: Numbers
+    leaves: Numbers
+    crossings: Array
+
+
+def section(surface: Surface, point: Array, normal: Array) -> Section:
+    """The section of a surface with the plane through a point (3,) [m] with a unit normal (3,)."""
+    size = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+    distance = (surface.points - point) @ normal
+    distance[np.abs(distance) < IN_PLANE * size] = 0.0
+    front = distance >= 0
+    a = surface.triangles
+    b = np.roll(a, -1, axis=1)
+    crosses = front[a] != front[b]
+    # From the lower to the higher number, so that both triangles of a side find the same point.
+    low = np.minimum(a, b)
+    high = np.maximum(a, b)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fraction = np.where(crosses, distance[low] / (distance[low] - distance[high]), np.nan)
+    crossings = surface.points[low] + fraction[:, :, None] * (
+        surface.points[high] - surface.points[low]
+    )
+    into_back = crosses & front[a]
+    into_front = crosses & ~front[a]
+    has_segment = crosses.any(axis=1)
+    enters = np.where(has_segment, into_back.argmax(axis=1), -1)
+    leaves = np.where(has_segment, into_front.argmax(axis=1), -1)
+    return Section(enters, leaves, crossings)
+
+
+def section_lines(surface: Surface, neighbours: Neighbours, cut: Section) -> list[Line]:
+    """The connected lines of a section: from rim to rim, or closed."""
+    with_segment = np.flatnonzero(cut.enters >= 0)
+    before = neighbours.across[with_segment, cut.enters[with_segment]]
+    starts = with_segment[before < 0].tolist()
+    left = set(with_segment.tolist())
+    found = []
+    # Open lines first; what then is left is closed, and begins anywhere.
+    for first in [*starts, *with_segment.tolist()]:
+        chain = []
+        t = first
+        while t in left:
+            left.discard(t)
+            chain.append(t)
+            t = int(neighbours.across[t, cut.leaves[t]])
+        if chain:
+            found += _line_of(chain, cut)
+    return found
+
+
+def _line_of(chain: list[int], cut: Section) -> list[Line]:
+    """The line of a chain of triangles; none if the plane only touches the surface there."""
+    triangles = np.array(chain, dtype=np.int64)
+    starts = cut.crossings[triangles, cut.enters[triangles]]
+    ends = cut.crossings[triangles, cut.leaves[triangles]]
+    return _without_points(triangles, starts, ends)
+
+
+def _without_points(triangles: Numbers, starts: Array, ends: Array) -> list[Line]:
+    """A line without its segments of no length; none if no segment is left."""
+    is_long = (starts != ends).any(axis=1)
+    if not is_long.any():
+        return []
+    return [Line(triangles[is_long], starts[is_long], ends[is_long])]
+
+
+def line_through(surface: Surface, neighbours: Neighbours, given: Array) -> Line:
+    """The line through points (n, 3) [m], which are moved to the closest ones of the surface."""
+    size = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+    on = surface.closest(given)
+    farthest = int(on.distance.argmax())
+    check(
+        float(on.distance[farthest]) <= FAR * size,
+        f"Surface.along: point {farthest + 1} is {on.distance[farthest]:.3g} m away from the "
+        "surface; give points on it.",
+    )
+    triangles: list[int] = []
+    points: list[Array] = [on.points[0]]
+    for k, (p, q) in enumerate(pairwise(on.points)):
+        if np.linalg.norm(q - p) <= IN_PLANE * size:
+            continue
+        at_p = _triangles_at(surface, neighbours, on.triangle[k], on.weights[k])
+        at_q = _triangles_at(surface, neighbours, on.triangle[k + 1], on.weights[k + 1])
+        way = _shortest_way(surface, neighbours, (p, q), (at_p, at_q))
+        if way is None:
+            raise InputError(
+                f"Surface.along: there is no way on the surface from point {k + 1} to point "
+                f"{k + 2}; give more points between them."
+            )
+        triangles += way[0]
+        points += way[1]
+    ends = np.array(points[1:])
+    lines = []
+    if triangles:
+        lines = _without_points(np.array(triangles), np.array(points[:-1]), ends)
+    check(bool(lines), "Surface.along: all points are one; give points of a line.")
+    return lines[0]
+
+
+def _triangles_at(
+    surface: Surface, neighbours: Neighbours, triangle: int, weights: Array
+) -> list[int]:
+    """The triangles that have a point of one of them, which is inside, on a side or at a corner."""
+    corners = surface.triangles[triangle]
+    used = np.flatnonzero(weights > ON_SIDE)
+    if len(used) == 1:
+        return neighbours.at_corner[int(corners[used[0]])]
+    if len(used) == 2:
+        first, second = (set(neighbours.at_corner[int(corners[k])]) for k in used)
+        return sorted(first & second)
+    return [int(triangle)]
+
+
+def _shortest_way(
+    surface: Surface,
+    neighbours: Neighbours,
+    ends: tuple[Array, Array],
+    at_ends: tuple[list[int], list[int]],
+) -> tuple[list[int], list[Array]] | None:
+    """The shortest of the ways between two points from any triangle at the first one to any at the
+    second: triangles, and the ends of the segments in them."""
+    p, q = ends
+    common = [t for t in at_ends[0] if t in at_ends[1]]
+    if common:
+        return [common[0]], [q]
+    normal = surface.normals[at_ends[0]].mean(axis=0) + surface.normals[at_ends[1]].mean(axis=0)
+    across = np.cross(normal, q - p)
+    length = float(np.linalg.norm(across))
+    if length == 0:
+        return None
+    cut = section(surface, p, across / length)
+    limit = LONGEST_WAY * float(np.linalg.norm(q - p))
+    best = None
+    least = limit
+    for first in at_ends[0]:
+        way = _walk(neighbours, cut, first, (p, q), at_ends[1], least)
+        if way is not None and way[2] < least:
+            least = way[2]
+            best = way[0], way[1]
+    return best
+
+
+def _walk(
+    neighbours: Neighbours,
+    cut: Section,
+    first: int,
+    ends: tuple[Array, Array],
+    targets: Iterable[int],
+    limit: float,
+) -> tuple[list[int], list[Array], float] | None:
+    """The way along a section from a triangle to one of the targets: triangles, ends of segments,
+    and length [m]; None if it leaves the surface or is longer than a limit."""
+    goal = set(targets)
+    triangles: list[int] = []
+    points: list[Array] = []
+    length = 0.0
+    t = first
+    position = ends[0]
+    while t not in goal:
+        if t < 0 or cut.leaves[t] < 0 or length > limit or len(triangles) > len(cut.leaves):
+            return None
+        following = cut.crossings[t, cut.leaves[t]]
+        length += float(np.linalg.norm(following - position))
+        triangles.append(t)
+        points.append(following)
+        position = following
+        t = int(neighbours.across[t, cut.leaves[t]])
+    length += float(np.linalg.norm(ends[1] - position))
+    return [*triangles, t], [*points, ends[1]], length
