@@ -53,7 +53,9 @@ def closest_points(points: Array, triangles: Numbers, given: Array) -> ClosestPo
         sums = np.cumsum(counts[begin:])
         end = begin + max(1, int(np.searchsorted(sums, PAIRS_AT_ONCE)))
         which = np.repeat(np.arange(begin, end), counts[begin:end])
-        of_pair = np.concatenate([np.asarray(found, dtype=np.int64) for found in candidates[begin:end]])
+        of_pair = np.concatenate(
+            [np.asarray(found, dtype=np.int64) for found in candidates[begin:end]]
+        )
         pair_weights = _weights_of_closest(corners[of_pair], given[which])
         position = np.einsum("nk,nkc->nc", pair_weights, corners[of_pair])
         squared = ((position - given[which]) ** 2).sum(axis=1)

@@ -108,14 +108,15 @@ def rims_of(surface: Surface) -> dict[str, Numbers]:
     keys, first, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
     )
-    rim = {tuple(key): sides[k] for key, k in zip(keys[count == 1].tolist(), first[count == 1])}
+    at_rim = sides[first[count == 1]]
+    rim = {tuple(key): side for key, side in zip(keys[count == 1].tolist(), at_rim, strict=True)}
     found = {}
     for name, edges in surface.groups.items():
         if edges.ndim == 2:
-            at_rim = [e for e in np.sort(edges, axis=1).tolist() if tuple(e) in rim]
-            if at_rim:
-                found[name] = np.array(at_rim)
-                for edge in at_rim:
+            named = [e for e in np.sort(edges, axis=1).tolist() if tuple(e) in rim]
+            if named:
+                found[name] = np.array(named)
+                for edge in named:
                     rim.pop(tuple(edge), None)
     following = {int(a): int(b) for a, b in rim.values()}
     before = {b: a for a, b in following.items()}

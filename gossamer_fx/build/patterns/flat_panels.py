@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -302,7 +303,7 @@ class Panels(Sequence[Panel]):
             for k, part in enumerate(panel.boundary):
                 following = tags[(k + 1) % len(tags)][0]
                 chain = [*tags[k], following]
-                made = [geo.addLine(a, b) for a, b in zip(chain[:-1], chain[1:], strict=True)]
+                made = [geo.addLine(a, b) for a, b in pairwise(chain)]
                 lines += made
                 lines_of.setdefault(part.name, []).extend(made)
             for line in lines:
@@ -432,8 +433,8 @@ def _to_form(panel: Panel) -> Any:
 
 
 def _cord_stretch(law: BarLaw, force: float) -> float:
-    """The stretch λ of a cord under a force N [N]: N = EA λ (λ² - 1)/2 of a law in the Green strain,
-    N(λ - 1) of others."""
+    """The stretch λ of a cord under a force N [N]: N = EA λ (λ² - 1)/2 of a law in the Green
+    strain, N(λ - 1) of others."""
 
     def excess(stretch: float) -> float:
         if isinstance(law, TabulatedCable):

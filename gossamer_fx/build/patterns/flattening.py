@@ -29,20 +29,19 @@ Algorithm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from scipy.sparse import block_array, coo_array, csc_array
-from scipy.sparse.linalg import spsolve, splu
+from scipy.sparse.linalg import splu, spsolve
 
 from gossamer_fx.build.patterns.cutting import CutMesh, SeamEdges
 from gossamer_fx.build.patterns.surfaces import Numbers
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.film import FilmLaw, IsotropicFilm
+from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.mechanics.materials.orthotropic import LinearOrthotropic
 
 # Iterations, each of which gains two digits or more, and the change of a point over the size of all
@@ -52,6 +51,12 @@ LAST_CHANGE = 1e-13
 
 # A change below this one that does not fall any more is round-off.
 ROUND_OFF_CHANGE = 1e-9
+
+# Largest strain under the wanted tension
+LARGEST_STRAIN = 0.3
+
+# Change of strain by which stiffness is found by differences
+DIFFERENCE = 1e-5
 
 # Halvings of a step that turns a triangle over or raises energy and constraints.
 MAX_HALVINGS = 30
@@ -83,43 +88,59 @@ class TensionedFilm:
 
 def tensioned(law: FilmLaw, tension: tuple[float, float]) -> TensionedFilm:
     """A film under Cauchy tensions [N/m] along and across a panel."""
-    compliance = _compliance(law)
+    strain_of = _strain_function(law)
     strain = np.zeros(3)
+    stress = np.zeros(3)
     # The law has the second Piola-Kirchhoff stress S of the Cauchy tension n:
-    # S1 = n1 λ2/λ1, S2 = n2 λ1/λ2.  The strain is small, and so each iteration gains its digits.
+    # S1 = n1 λ2/λ1, S2 = n2 λ1/λ2.  The strain is small, and so each iteration gains digits.
     for _ in range(MAX_ITERATIONS):
         ratio = float(np.sqrt((1 + 2 * strain[1]) / (1 + 2 * strain[0])))
         stress = np.array([tension[0] * ratio, tension[1] / ratio, 0.0])
-        found = compliance @ stress
+        found = strain_of(stress)
         change = float(np.abs(found - strain).max())
         strain = found
-        if change <= 1e-16 or not (strain[:2] > -0.5).all():
-            break
-    check(
-        bool((np.abs(strain) < 0.3).all()),
-        f"Strips.flatten: the tension {tension} N/m strains the film by "
-        f"{100 * np.abs(strain).max():.3g} %; give a stiffer film or less tension.",
-    )
-    return TensionedFilm(np.linalg.inv(compliance), strain)
-
-
-def _compliance(law: FilmLaw) -> Array:
-    """Compliance (3, 3) [m/N] of taut film at small strain, in the axes of a panel."""
-    if isinstance(law, LinearOrthotropic):
-        return _orthotropic_compliance(law)
-    if isinstance(law, IsotropicFilm) and type(law).taut_strain is IsotropicFilm.taut_strain:
-        stretch = 1 / (law.E * law.thickness)
-        return stretch * np.array(
-            [[1.0, -law.nu, 0.0], [-law.nu, 1.0, 0.0], [0.0, 0.0, 2 * (1 + law.nu)]]
+        is_small = bool((np.abs(strain) < LARGEST_STRAIN).all())
+        check(
+            is_small,
+            f"Strips.flatten: the tension ({tension[0]:g}, {tension[1]:g}) N/m strains the film "
+            f"by more than {100 * LARGEST_STRAIN:.0f} %; give a stiffer film or less tension.",
         )
-    try:
-        small = law.unwrinkled()
-        return _numerical_compliance(small)
-    except TypeError:
-        raise InputError(
-            f"Strips.flatten: the law {type(law).__name__} has no strain of a given tension; "
-            "give the law of the film that is cut, e.g. Linear, Miyazaki or Orthotropic."
-        ) from None
+        if change <= 1e-16:
+            break
+    return TensionedFilm(np.linalg.inv(_compliance(strain_of, stress)), strain)
+
+
+def _strain_function(law: FilmLaw) -> Callable[[Array], Array]:
+    """The strain (E11, E22, 2 E12) of taut film as a function of its second Piola-Kirchhoff stress
+    (S11, S22, S12) [N/m], in the axes of a panel."""
+    check(
+        type(law).taut_strain is not FilmLaw.taut_strain,
+        f"Strips.flatten: the law {type(law).__name__} has no strain of a given tension; "
+        "give the law of the film that is cut, e.g. Linear, Miyazaki or Orthotropic.",
+    )
+    if isinstance(law, LinearOrthotropic):
+        compliance = _orthotropic_compliance(law)
+        return lambda stress: compliance @ stress
+
+    def strain(stress: Array) -> Array:
+        # The law writes expressions of UFL, also of numbers; it has its own numbers.
+        found: Any = law.taut_strain(stress.tolist(), law)
+        return np.array([float(found[k]) for k in range(3)])
+
+    return strain
+
+
+def _compliance(strain_of: Callable[[Array], Array], stress: Array) -> Array:
+    """Derivative (3, 3) [m/N] of the strain of a film by its stress [N/m], by differences."""
+    # Stress of a strain of about 1e-5, and differences with an error of 1e-10 of it
+    step = DIFFERENCE / float(strain_of(np.array([1.0, 0.0, 0.0]))[0])
+    columns = []
+    for k in range(3):
+        change = np.zeros(3)
+        change[k] = step
+        columns.append((strain_of(stress + change) - strain_of(stress - change)) / (2 * step))
+    compliance = np.array(columns).T
+    return (compliance + compliance.T) / 2
 
 
 def _orthotropic_compliance(law: LinearOrthotropic) -> Array:
@@ -155,26 +176,6 @@ def _orthotropic_compliance(law: LinearOrthotropic) -> Array:
         ]
     )
     return turned.T @ axes @ turned
-
-
-def _numerical_compliance(law: FilmLaw) -> Array:
-    """The compliance of a law that gives strains as expressions, by differences at no stress."""
-    numbers = SimpleNamespace(**vars(law))
-    scale = 1e-6 * float(getattr(law, "shear_modulus", 1.0)) * law.thickness
-
-    def strain(S: Any) -> Array:
-        found: Any = law.taut_strain(S, numbers)
-        return np.array([float(found[k]) for k in range(3)])
-
-    columns = []
-    for k in range(3):
-        stress = [0.0, 0.0, 0.0]
-        stress[k] = scale
-        ahead = strain(stress)
-        stress[k] = -scale
-        columns.append((ahead - strain(stress)) / (2 * scale))
-    compliance = np.array(columns).T
-    return (compliance + compliance.T) / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,9 +265,7 @@ class _Problem:
         edges = mesh.points[self.left[:, 1]] - mesh.points[self.left[:, 0]]
         self.lengths = np.linalg.norm(edges, axis=1)
 
-    def _gauges(
-        self, mesh: CutMesh, axes: Sequence[list[tuple[int, int, float]]]
-    ) -> csc_array:
+    def _gauges(self, mesh: CutMesh, axes: Sequence[list[tuple[int, int, float]]]) -> csc_array:
         """Three linear constraints of each panel: its middle and its direction."""
         rows: list[int] = []
         columns: list[int] = []
@@ -353,9 +352,7 @@ class _Problem:
         together = block_array([[self.fixed], [gradient]], format="csc")
         return np.concatenate([flat, values]), together
 
-    def improved(
-        self, X: Array, step: Array, weight: float, size: float
-    ) -> tuple[Array, float]:
+    def improved(self, X: Array, step: Array, weight: float, size: float) -> tuple[Array, float]:
         """The points after a step, which is halved until no triangle turns over and energy and
         constraints fall, and the largest change of a coordinate [m]."""
         before = self._measure(X, weight)

@@ -22,6 +22,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from gossamer_fx.build.patterns.closest import barycentric
 from gossamer_fx.build.patterns.surfaces import Numbers, Surface
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
@@ -29,8 +30,8 @@ from gossamer_fx.core.model.body import Array
 # Distance of a corner from a plane, over the size of the surface, below which it is in the plane.
 IN_PLANE = 1e-9
 
-# Barycentric coordinate below which a point is on a side of a triangle.
-ON_SIDE = 1e-9
+# Barycentric coordinate below which a point is on a side of a triangle: well above `IN_PLANE`.
+ON_SIDE = 1e-6
 
 # Distance of given points from the surface, over its size, that is refused.
 FAR = 0.02
@@ -185,8 +186,8 @@ def line_through(surface: Surface, neighbours: Neighbours, given: Array) -> Line
     for k, (p, q) in enumerate(pairwise(on.points)):
         if np.linalg.norm(q - p) <= IN_PLANE * size:
             continue
-        at_p = _triangles_at(surface, neighbours, on.triangle[k], on.weights[k])
-        at_q = _triangles_at(surface, neighbours, on.triangle[k + 1], on.weights[k + 1])
+        at_p = _triangles_at(surface, neighbours, int(on.triangle[k]), p)
+        at_q = _triangles_at(surface, neighbours, int(on.triangle[k + 1]), q)
         way = _shortest_way(surface, neighbours, (p, q), (at_p, at_q))
         if way is None:
             raise InputError(
@@ -204,17 +205,21 @@ def line_through(surface: Surface, neighbours: Neighbours, given: Array) -> Line
 
 
 def _triangles_at(
-    surface: Surface, neighbours: Neighbours, triangle: int, weights: Array
+    surface: Surface, neighbours: Neighbours, triangle: int, point: Array
 ) -> list[int]:
-    """The triangles that have a point of one of them, which is inside, on a side or at a corner."""
-    corners = surface.triangles[triangle]
-    used = np.flatnonzero(weights > ON_SIDE)
-    if len(used) == 1:
-        return neighbours.at_corner[int(corners[used[0]])]
-    if len(used) == 2:
-        first, second = (set(neighbours.at_corner[int(corners[k])]) for k in used)
-        return sorted(first & second)
-    return [int(triangle)]
+    """The triangles that have a point (3,) [m] of one of them, which is inside, on a side or at a
+    corner."""
+    around: set[int] = set()
+    for corner in surface.triangles[triangle].tolist():
+        around |= set(neighbours.at_corner[corner])
+    candidates = np.array(sorted(around))
+    corners = surface.points[surface.triangles[candidates]]
+    given = np.broadcast_to(point, (len(candidates), 3))
+    weights = barycentric(corners, given)
+    off = np.linalg.norm(np.einsum("nk,nkc->nc", weights, corners) - given, axis=1)
+    sizes = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+    has_point = (weights.min(axis=1) > -ON_SIDE) & (off < ON_SIDE * sizes)
+    return sorted({triangle, *candidates[has_point].tolist()})
 
 
 def _shortest_way(
@@ -234,28 +239,35 @@ def _shortest_way(
     length = float(np.linalg.norm(across))
     if length == 0:
         return None
-    cut = section(surface, p, across / length)
     limit = LONGEST_WAY * float(np.linalg.norm(q - p))
     best = None
     least = limit
-    for first in at_ends[0]:
-        way = _walk(neighbours, cut, first, (p, q), at_ends[1], least)
-        if way is not None and way[2] < least:
-            least = way[2]
-            best = way[0], way[1]
+    # The section follows (normal of the plane) × (normal of the surface), from p to q, and that
+    # with the other normal goes back.  They differ where the plane contains sides of triangles: one
+    # of them takes the sides at a rim.
+    ahead = section(surface, p, across / length)
+    back = section(surface, p, -across / length)
+    for exits, crossings in ((ahead.leaves, ahead.crossings), (back.enters, back.crossings)):
+        for first in at_ends[0]:
+            way = _walk(neighbours, (exits, crossings), first, ends, at_ends[1], least)
+            if way is not None and way[2] < least * (1 - IN_PLANE):
+                least = way[2]
+                best = way[0], way[1]
     return best
 
 
 def _walk(
     neighbours: Neighbours,
-    cut: Section,
+    section_exits: tuple[Numbers, Array],
     first: int,
     ends: tuple[Array, Array],
     targets: Iterable[int],
     limit: float,
 ) -> tuple[list[int], list[Array], float] | None:
-    """The way along a section from a triangle to one of the targets: triangles, ends of segments,
-    and length [m]; None if it leaves the surface or is longer than a limit."""
+    """The way along a section, given by the side (m,) at which it leaves each triangle and by its
+    crossings, from a triangle to one of the targets: triangles, ends of segments, and length [m];
+    None if it leaves the surface or is longer than a limit."""
+    exits, crossings = section_exits
     goal = set(targets)
     triangles: list[int] = []
     points: list[Array] = []
@@ -263,13 +275,13 @@ def _walk(
     t = first
     position = ends[0]
     while t not in goal:
-        if t < 0 or cut.leaves[t] < 0 or length > limit or len(triangles) > len(cut.leaves):
+        if t < 0 or exits[t] < 0 or length > limit or len(triangles) > len(exits):
             return None
-        following = cut.crossings[t, cut.leaves[t]]
+        following = crossings[t, exits[t]]
         length += float(np.linalg.norm(following - position))
         triangles.append(t)
         points.append(following)
         position = following
-        t = int(neighbours.across[t, cut.leaves[t]])
+        t = int(neighbours.across[t, exits[t]])
     length += float(np.linalg.norm(ends[1] - position))
     return [*triangles, t], [*points, ends[1]], length

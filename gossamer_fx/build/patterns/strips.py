@@ -1,4 +1,4 @@
-"""Strips of a cut surface, and the flat panels that become these when they are sewn and tensioned."""
+"""Strips of a cut surface, which become flat panels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gossamer_fx.build.patterns.cutting import CutMesh, SeamEdges, cut_surface
 from gossamer_fx.build.patterns.flattening import flattened, tensioned
 from gossamer_fx.build.patterns.seam_lines import Line
 from gossamer_fx.build.patterns.surfaces import Surface
-from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.bodies.cable import BarLaw
 from gossamer_fx.mechanics.materials.film import FilmLaw

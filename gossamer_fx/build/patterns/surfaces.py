@@ -416,9 +416,7 @@ def _area_vectors(points: Array, triangles: Numbers) -> Array:
     return np.cross(b - a, c - a) / 2
 
 
-def _from_gmsh(
-    build: Callable[[Any], None], what: str, time_limit: float = TIME_LIMIT
-) -> RawMesh:
+def _from_gmsh(build: Callable[[Any], None], what: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     """The mesh that a function builds in gmsh, on this rank alone."""
 
     def raw() -> RawMesh:
