@@ -100,7 +100,7 @@ def test_panels_of_a_cylinder_are_sewn_to_the_cylinder(comm):
     start = panels.deviation(films, at=equilibrium)
     assert np.abs(start.distances).max() < 1e-12
     equilibrium.find()
-    # Facets of π/24: the film between the nodes is off by the sagitta of its own chords.
+    # Facets of π/24: the film between the nodes is off by the sagitta of chords.
     assert abs(panels.deviation(films, at=equilibrium).largest) < 3e-3
     for film in films:
         _, stress = gx.fields.field_values(equilibrium, film, field="stress1")

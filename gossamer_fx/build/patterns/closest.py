@@ -82,7 +82,7 @@ def _weights_of_closest(corners: Array, given: Array) -> Array:
     best = inside.copy()
     # Outside of the triangle the closest point is on one of its sides.
     outside = (inside < 0).any(axis=1)
-    least = np.full(len(given), np.inf)
+    least: Array = np.full(len(given), np.inf)
     least[~outside] = -1.0
     for first, second in ((0, 1), (1, 2), (2, 0)):
         start = corners[:, first]

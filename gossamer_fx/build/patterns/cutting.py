@@ -24,9 +24,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from gossamer_fx.build.patterns.closest import barycentric
-from gossamer_fx.build.patterns.seam_lines import Line
-from gossamer_fx.build.patterns.surfaces import Numbers, Surface
+from gossamer_fx.build.patterns.closest import Numbers, barycentric
+from gossamer_fx.build.patterns.seam_lines import SeamLine
+from gossamer_fx.build.patterns.triangulation import Triangulation, as_list, as_rows, sides_of
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
@@ -88,37 +88,37 @@ class CutMesh:
     corners: dict[str, Numbers]
 
 
-def cut_surface(surface: Surface, lines: Sequence[Line]) -> CutMesh:
+def cut_surface(surface: Triangulation, lines: Sequence[SeamLine]) -> CutMesh:
     """Cut a surface along lines of it."""
     cutter = _Cutter(surface)
     for name, edges in rims_of(surface).items():
-        for a, b in edges.tolist():
+        for a, b in as_rows(edges):
             cutter.names.setdefault(_sorted(a, b), set()).add(name)
     for number, line in enumerate(lines):
-        for triangle, start, end in zip(line.triangles, line.starts, line.ends, strict=True):
-            cutter.cut(int(triangle), start, end, number)
+        for k, triangle in enumerate(as_list(line.triangles)):
+            cutter.cut(triangle, line.starts[k], line.ends[k], number)
     points = {name: nodes for name, nodes in surface.groups.items() if nodes.ndim == 1}
     return cutter.result(points)
 
 
-def rims_of(surface: Surface) -> dict[str, Numbers]:
+def rims_of(surface: Triangulation) -> dict[str, Numbers]:
     """The named edges (k, 2) of the rim of a surface.  Edges without a name are "rim 1", ..., each
     from one corner, where the rim turns by more than `CORNER_ANGLE` or a name ends, to the next."""
-    sides = surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    keys, first, count = np.unique(
+    sides = sides_of(surface.triangles)
+    _, first, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
     )
     at_rim = sides[first[count == 1]]
-    rim = {tuple(key): side for key, side in zip(keys[count == 1].tolist(), at_rim, strict=True)}
+    rim = {_sorted(a, b): (a, b) for a, b in as_rows(at_rim)}
     found = {}
     for name, edges in surface.groups.items():
         if edges.ndim == 2:
-            named = [e for e in np.sort(edges, axis=1).tolist() if tuple(e) in rim]
+            named = [_sorted(a, b) for a, b in as_rows(edges) if _sorted(a, b) in rim]
             if named:
                 found[name] = np.array(named)
                 for edge in named:
-                    rim.pop(tuple(edge), None)
-    following = {int(a): int(b) for a, b in rim.values()}
+                    rim.pop(edge, None)
+    following = dict(rim.values())
     before = {b: a for a, b in following.items()}
     begins = [a for a in following if _is_corner(surface.points, before.get(a), a, following[a])]
     # A rim without corners begins at any of its points.
@@ -163,7 +163,7 @@ class _Cutter:
         seam: number of the line and its direction (from, to), by edges.
     """
 
-    def __init__(self, surface: Surface) -> None:
+    def __init__(self, surface: Triangulation) -> None:
         self.points: list[Array] = list(surface.points)
         self.normals = surface.normals
         self.corners: dict[int, tuple[int, int, int]] = {}
@@ -173,7 +173,7 @@ class _Cutter:
         self.names: dict[Edge, set[str]] = {}
         self.seam: dict[Edge, tuple[int, int, int]] = {}
         self.next_triangle = 0
-        for t, (a, b, c) in enumerate(surface.triangles.tolist()):
+        for t, (a, b, c) in enumerate(as_rows(surface.triangles)):
             self._add((a, b, c), t)
 
     def _add(self, corners: tuple[int, int, int], parent: int) -> None:
@@ -268,7 +268,7 @@ class _Cutter:
             from_u = float(np.cross(u, direction) @ normal)
             to_v = float(np.cross(direction, v) @ normal)
             ahead = float((u + v) @ direction)
-            inside = min(from_u / np.linalg.norm(u), to_v / np.linalg.norm(v))
+            inside = min(from_u / float(np.linalg.norm(u)), to_v / float(np.linalg.norm(v)))
             if ahead > 0 and inside > best[0]:
                 best = (inside, j, k, from_u, to_v)
         _, j, k, from_u, to_v = best
@@ -304,7 +304,7 @@ class _Cutter:
         origin[new] = triangles.ravel()
 
         def point_of(row: int, number: int) -> int:
-            return int(renumbered[row, triangles[row].tolist().index(number)])
+            return int(renumbered[row, as_list(triangles[row]).index(number)])
 
         directed: dict[tuple[int, int, int], list[tuple[Edge, Edge]]] = {}
         for edge, (left, right) in sides.items():
@@ -313,10 +313,10 @@ class _Cutter:
             of_left = (point_of(left, start), point_of(left, end))
             of_right = (point_of(right, start), point_of(right, end))
             directed.setdefault(key, []).append((of_left, of_right))
-        seams = []
+        seams: list[SeamEdges] = []
         for (line, a, b), edges in sorted(directed.items()):
-            for left, right in _chains(edges):
-                seams.append(SeamEdges(len(seams), line, (a, b), left, right))
+            for chain in _chains(edges):
+                seams.append(SeamEdges(len(seams), line, (a, b), *chain))
         rims: dict[str, list[Edge]] = {}
         for edge, names in self.names.items():
             for t in self.at_edge[edge]:
@@ -344,9 +344,9 @@ def _edges(corners: tuple[int, int, int]) -> tuple[Edge, Edge, Edge]:
     return _sorted(a, b), _sorted(b, c), _sorted(c, a)
 
 
-def _passes(corners: Array, start: int, end: int) -> bool:
+def _passes(corners: Numbers, start: int, end: int) -> bool:
     """Whether a triangle passes from one corner to another counterclockwise."""
-    numbers = corners.tolist()
+    numbers = as_list(corners)
     return bool(numbers[(numbers.index(start) + 1) % 3] == end)
 
 
@@ -362,8 +362,8 @@ def _separated(triangles: Numbers, pairs: Sequence[tuple[int, int]]) -> Numbers:
     of pairs of triangles only."""
     same: list[tuple[int, int]] = []
     for first, second in pairs:
-        of_second = triangles[second].tolist()
-        for i, corner in enumerate(triangles[first].tolist()):
+        of_second = as_list(triangles[second])
+        for i, corner in enumerate(as_list(triangles[first])):
             if corner in of_second:
                 same.append((3 * first + i, 3 * second + of_second.index(corner)))
     return _components(3 * len(triangles), same)
@@ -412,5 +412,21 @@ def _chains(edges: Sequence[tuple[Edge, Edge]]) -> list[tuple[Numbers, Numbers]]
             right.append(end_right)
         if len(left) > 1:
             chains.append((np.array(left), np.array(right)))
-    check(bool(chains), "Surface.cut: a line has no edges on the surface; give another one.")
+    check(bool(chains), "FormSurface.cut: a line has no edges on the surface; give another one.")
     return chains
+
+
+def named_edges(mesh: CutMesh, strip: int) -> dict[str, Numbers]:
+    """The edges (k, 2) at the boundary of a strip, by name."""
+    found = {}
+    for seam in mesh.seams:
+        sides = zip(seam.strips, seam.names, (seam.left, seam.right), strict=True)
+        for side, name, points in sides:
+            if side == strip:
+                found[name] = np.stack([points[:-1], points[1:]], axis=1)
+    used = np.unique(mesh.triangles[mesh.strip == strip])
+    for name, edges in mesh.rims.items():
+        mine = edges[np.isin(edges[:, 0], used)]
+        if len(mine):
+            found[name] = mine
+    return found

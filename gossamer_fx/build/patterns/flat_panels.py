@@ -13,17 +13,17 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.optimize import brentq
 
-from gossamer_fx.build.patterns.closest import closest_points
+from gossamer_fx.build.patterns.closest import Numbers, closest_points
+from gossamer_fx.build.patterns.cutting import CutMesh, named_edges
 from gossamer_fx.build.patterns.flattening import FlatMesh, TensionedFilm
-from gossamer_fx.build.patterns.strips import Cord, Strips, named_edges
-from gossamer_fx.build.patterns.surfaces import Numbers, Surface
+from gossamer_fx.build.patterns.triangulation import Triangulation, as_list, as_rows, sides_of
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.gmsh_reader import check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, built
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import HasSystem
-from gossamer_fx.mechanics.bodies.cable import BarLaw
+from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedCable
 from gossamer_fx.mechanics.connectors.tape import Tape
@@ -32,6 +32,9 @@ from gossamer_fx.mechanics.materials.film import FilmLaw
 
 # Triangles of an unstructured mesh over its area divided by the square of their edges
 CELLS_PER_SQUARE = 2.3
+
+# A cord, and the force [N] that it shall have
+Cord = tuple[BarLaw, Annotated[float, positive("N")]]
 
 # Largest stretch of a cord in the form
 LARGEST_STRETCH = 1.5
@@ -79,7 +82,7 @@ class Boundary:
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class FlatPanel:
     """A flat panel; `Panels[k]` is one.
 
     Attributes:
@@ -154,11 +157,12 @@ class Deviation:
 
 
 @dataclass(frozen=True, eq=False)
-class Panels(Sequence[Panel]):
+class Panels(Sequence[FlatPanel]):
     """Flat panels of a cut pattern; made by `Strips.flatten`.
 
     Attributes:
-        strips: the strips of the form.
+        form: the surface that was cut.
+        mesh: its strips, as one mesh.
         law: of the film.
         tensioned: strain and stiffness of the film under the wanted tension, in the axes of a
             panel.
@@ -176,7 +180,8 @@ class Panels(Sequence[Panel]):
         (['panel 0', 'panel 1'], ['seam 0'])
     """
 
-    strips: Strips
+    form: Triangulation
+    mesh: CutMesh
     law: FilmLaw
     tensioned: TensionedFilm
     flat: FlatMesh
@@ -184,16 +189,11 @@ class Panels(Sequence[Panel]):
 
     def __len__(self) -> int:
         """Number of panels."""
-        return len(self.strips)
+        return int(self.mesh.strip.max()) + 1
 
-    def __getitem__(self, k: int) -> Panel:  # type: ignore[override]
+    def __getitem__(self, k: int) -> FlatPanel:  # type: ignore[override]
         """Panel k."""
         return self._panels[k]
-
-    @property
-    def form(self) -> Surface:
-        """The surface that was cut."""
-        return self.strips.form
 
     @property
     def tensions(self) -> Array:
@@ -205,13 +205,13 @@ class Panels(Sequence[Panel]):
         return np.stack([middle + radius, middle - radius], axis=1)
 
     @cached_property
-    def _panels(self) -> list[Panel]:
+    def _panels(self) -> list[FlatPanel]:
         """All panels."""
-        mesh = self.strips.mesh
+        mesh = self.mesh
         found = []
         for k in range(len(self)):
             used, triangles = np.unique(mesh.triangles[mesh.strip == k], return_inverse=True)
-            panel = Panel(
+            panel = FlatPanel(
                 number=k,
                 points=self.flat.points[used],
                 form=mesh.points[used],
@@ -223,20 +223,20 @@ class Panels(Sequence[Panel]):
 
     def _boundary(self, strip: int) -> tuple[Boundary, ...]:
         """The parts of the boundary of a strip, counterclockwise."""
-        mesh = self.strips.mesh
-        sides = mesh.triangles[mesh.strip == strip][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        mesh = self.mesh
+        sides = sides_of(mesh.triangles[mesh.strip == strip])
         _, first, count = np.unique(
             np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
         )
-        following = {int(a): int(b) for a, b in sides[first[count == 1]]}
+        following = {edge[0]: edge[1] for edge in as_rows(sides[first[count == 1]])}
         name_at: dict[tuple[int, int], str] = {}
         for name, edges in named_edges(mesh, strip).items():
-            for a, b in edges.tolist():
+            for a, b in as_rows(edges):
                 pair = (a, b) if following.get(a) == b else (b, a)
                 name_at.setdefault(pair, name)
         corner_names: dict[int, list[str]] = {}
         for name, points in mesh.corners.items():
-            for point in points.tolist():
+            for point in as_list(points):
                 corner_names.setdefault(point, []).append(name)
         loop = [min(following)]
         while following[loop[-1]] != loop[0]:
@@ -285,7 +285,7 @@ class Panels(Sequence[Panel]):
             films.append(film)
         return films
 
-    def _mesh(self, panel: Panel, size: float) -> Mesh:
+    def _mesh(self, panel: FlatPanel, size: float) -> Mesh:
         """The mesh of a panel with edges of a length [m].  Collective."""
 
         def build(model: Any) -> None:
@@ -331,7 +331,7 @@ class Panels(Sequence[Panel]):
         """
         self._check(films)
         found = []
-        for seam in self.strips.seams:
+        for seam in self.mesh.seams:
             left, right = seam.strips
             name_left, name_right = seam.names
             sewn = Seam(
@@ -381,7 +381,7 @@ class Panels(Sequence[Panel]):
         """Whether a name is that of a seam on whose right a strip is, and another on its left."""
         return any(
             seam.names[1] == name and seam.strips[1] == strip and seam.strips[0] != strip
-            for seam in self.strips.seams
+            for seam in self.mesh.seams
         )
 
     @check_arguments
@@ -419,7 +419,7 @@ def _steps(points: Array) -> Array:
     return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1))
 
 
-def _to_form(panel: Panel) -> Any:
+def _to_form(panel: FlatPanel) -> Any:
     """The displacement that brings points (3, n) [m] of a panel to the form."""
     flat = np.column_stack([panel.points, np.zeros(len(panel.points))])
 
@@ -439,13 +439,14 @@ def _cord_stretch(law: BarLaw, force: float) -> float:
     def excess(stretch: float) -> float:
         if isinstance(law, TabulatedCable):
             return float(law.force_at(np.array(stretch - 1))) - force
+        assert isinstance(law, CableLaw)
         if law.strain == "green":
             return law.EA * stretch * (stretch**2 - 1) / 2 - force
         return law.EA * (stretch - 1) - force
 
     check(
         excess(LARGEST_STRETCH) > 0,
-        f"Panels.cables: {force:g} N stretch the cord by more than "
-        f"{100 * (LARGEST_STRETCH - 1):.0f} %; give less force, or a stiffer cord.",
+        f"Panels.cables: {force:g} N stretch the cord to more than {LARGEST_STRETCH:g} times its "
+        "length; give less force, or a stiffer cord.",
     )
     return float(brentq(excess, 1.0, LARGEST_STRETCH, xtol=1e-15))

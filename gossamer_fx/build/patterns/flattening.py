@@ -37,8 +37,9 @@ import numpy as np
 from scipy.sparse import block_array, coo_array, csc_array
 from scipy.sparse.linalg import splu, spsolve
 
+from gossamer_fx.build.patterns.closest import Numbers
 from gossamer_fx.build.patterns.cutting import CutMesh, SeamEdges
-from gossamer_fx.build.patterns.surfaces import Numbers
+from gossamer_fx.build.patterns.triangulation import sides_of
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import FilmLaw
@@ -89,8 +90,8 @@ class TensionedFilm:
 def tensioned(law: FilmLaw, tension: tuple[float, float]) -> TensionedFilm:
     """A film under Cauchy tensions [N/m] along and across a panel."""
     strain_of = _strain_function(law)
-    strain = np.zeros(3)
-    stress = np.zeros(3)
+    strain: Array = np.zeros(3)
+    stress: Array = np.zeros(3)
     # The law has the second Piola-Kirchhoff stress S of the Cauchy tension n:
     # S1 = n1 λ2/λ1, S2 = n2 λ1/λ2.  The strain is small, and so each iteration gains digits.
     for _ in range(MAX_ITERATIONS):
@@ -201,7 +202,7 @@ def flattened(mesh: CutMesh, film: TensionedFilm, equal_seams: bool) -> FlatMesh
     `InputError`: a strip is not a disc, or the iterations do not converge."""
     _check_discs(mesh)
     axes = [_axis(mesh, k) for k in range(int(mesh.strip.max()) + 1)]
-    X = _first_guess(mesh, axes) * film.shrinkage
+    X: Array = _first_guess(mesh, axes) * film.shrinkage
     problem = _Problem(mesh, film, axes, mesh.seams if equal_seams else ())
     size = float(np.ptp(X, axis=0).max())
     last = np.inf
@@ -319,9 +320,10 @@ class _Problem:
         entries = np.einsum("mij,mjva->miva", self.roots, derivative)
         rows = np.arange(3 * len(self.triangles)).reshape(-1, 3, 1, 1)
         columns = 2 * self.triangles[:, None, :, None] + np.arange(2)
-        rows, columns, entries = np.broadcast_arrays(rows, columns, entries)
+        all_rows = np.broadcast_to(rows, entries.shape).ravel()
+        all_columns = np.broadcast_to(columns, entries.shape).ravel()
         shape = (3 * len(self.triangles), 2 * self.count)
-        jacobian = coo_array((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+        jacobian = coo_array((entries.ravel(), (all_rows, all_columns)), shape=shape)
         return residual.ravel(), jacobian.tocsc()
 
     def constraints(self, X: Array) -> tuple[Array, csc_array]:
@@ -383,7 +385,7 @@ def _check_discs(mesh: CutMesh) -> None:
     """Raise `InputError` unless every strip is a disc."""
     for strip in range(int(mesh.strip.max()) + 1):
         triangles = mesh.triangles[mesh.strip == strip]
-        sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        sides = np.sort(sides_of(triangles), axis=1)
         edges = len(np.unique(sides, axis=0))
         euler = len(np.unique(triangles)) - edges + len(triangles)
         check(

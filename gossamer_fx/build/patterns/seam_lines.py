@@ -5,7 +5,7 @@ begin and end on sides of triangles or at given points.
 
 Algorithm of a section.  A triangle has a segment if its corners are on both sides of the plane; a
 corner in the plane counts as in front of it, so that a plane through corners or along sides of
-triangles needs no cases of its own.  A segment enters a triangle through the side that is passed
+triangles needs no cases apart.  A segment enters a triangle through the side that is passed
 from the front to the back, counterclockwise about the normal, and leaves it through the other one,
 which is the entrance of the next triangle.  All segments thus follow (normal of the plane) ×
 (normal of the surface).
@@ -18,12 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
-from gossamer_fx.build.patterns.closest import barycentric
-from gossamer_fx.build.patterns.surfaces import Numbers, Surface
+from gossamer_fx.build.patterns.closest import Numbers, barycentric
+from gossamer_fx.build.patterns.triangulation import Triangulation, as_list, as_rows
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 
@@ -41,8 +40,8 @@ LONGEST_WAY = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
-    """A line on a surface, of k straight segments; made by `Surface.by_planes` and others.
+class SeamLine:
+    """A line on a surface, of k straight segments; made by `FormSurface.by_planes` and others.
 
     Attributes:
         triangles: number (k,) of the triangle of each segment.
@@ -79,11 +78,11 @@ class Neighbours:
     at_corner: list[list[int]]
 
 
-def neighbours_of(surface: Surface) -> Neighbours:
+def neighbours_of(surface: Triangulation) -> Neighbours:
     """The neighbours of all triangles of a surface."""
     sides: dict[tuple[int, int], int] = {}
     at_corner: list[list[int]] = [[] for _ in surface.points]
-    rows = surface.triangles.tolist()
+    rows = as_rows(surface.triangles)
     for t, corners in enumerate(rows):
         for i in range(3):
             sides[corners[i], corners[(i + 1) % 3]] = t
@@ -96,7 +95,7 @@ def neighbours_of(surface: Surface) -> Neighbours:
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PlaneSection:
     """The section of a surface with a plane, triangle by triangle.
 
     Attributes:
@@ -110,9 +109,9 @@ class Section:
     crossings: Array
 
 
-def section(surface: Surface, point: Array, normal: Array) -> Section:
+def section(surface: Triangulation, point: Array, normal: Array) -> PlaneSection:
     """The section of a surface with the plane through a point (3,) [m] with a unit normal (3,)."""
-    size = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+    size = surface.extent
     distance = (surface.points - point) @ normal
     distance[np.abs(distance) < IN_PLANE * size] = 0.0
     front = distance >= 0
@@ -132,18 +131,20 @@ def section(surface: Surface, point: Array, normal: Array) -> Section:
     has_segment = crosses.any(axis=1)
     enters = np.where(has_segment, into_back.argmax(axis=1), -1)
     leaves = np.where(has_segment, into_front.argmax(axis=1), -1)
-    return Section(enters, leaves, crossings)
+    return PlaneSection(enters, leaves, crossings)
 
 
-def section_lines(surface: Surface, neighbours: Neighbours, cut: Section) -> list[Line]:
+def section_lines(
+    surface: Triangulation, neighbours: Neighbours, cut: PlaneSection
+) -> list[SeamLine]:
     """The connected lines of a section: from rim to rim, or closed."""
     with_segment = np.flatnonzero(cut.enters >= 0)
     before = neighbours.across[with_segment, cut.enters[with_segment]]
-    starts = with_segment[before < 0].tolist()
-    left = set(with_segment.tolist())
+    starts = as_list(with_segment[before < 0])
+    left = set(as_list(with_segment))
     found = []
     # Open lines first; what then is left is closed, and begins anywhere.
-    for first in [*starts, *with_segment.tolist()]:
+    for first in [*starts, *as_list(with_segment)]:
         chain = []
         t = first
         while t in left:
@@ -155,7 +156,7 @@ def section_lines(surface: Surface, neighbours: Neighbours, cut: Section) -> lis
     return found
 
 
-def _line_of(chain: list[int], cut: Section) -> list[Line]:
+def _line_of(chain: list[int], cut: PlaneSection) -> list[SeamLine]:
     """The line of a chain of triangles; none if the plane only touches the surface there."""
     triangles = np.array(chain, dtype=np.int64)
     starts = cut.crossings[triangles, cut.enters[triangles]]
@@ -163,27 +164,29 @@ def _line_of(chain: list[int], cut: Section) -> list[Line]:
     return _without_points(triangles, starts, ends)
 
 
-def _without_points(triangles: Numbers, starts: Array, ends: Array) -> list[Line]:
+def _without_points(triangles: Numbers, starts: Array, ends: Array) -> list[SeamLine]:
     """A line without its segments of no length; none if no segment is left."""
     is_long = (starts != ends).any(axis=1)
     if not is_long.any():
         return []
-    return [Line(triangles[is_long], starts[is_long], ends[is_long])]
+    return [SeamLine(triangles[is_long], starts[is_long], ends[is_long])]
 
 
-def line_through(surface: Surface, neighbours: Neighbours, given: Array) -> Line:
+def line_through(surface: Triangulation, neighbours: Neighbours, given: Array) -> SeamLine:
     """The line through points (n, 3) [m], which are moved to the closest ones of the surface."""
-    size = float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+    size = surface.extent
     on = surface.closest(given)
     farthest = int(on.distance.argmax())
     check(
         float(on.distance[farthest]) <= FAR * size,
-        f"Surface.along: point {farthest + 1} is {on.distance[farthest]:.3g} m away from the "
+        f"FormSurface.along: point {farthest + 1} is {on.distance[farthest]:.3g} m away from the "
         "surface; give points on it.",
     )
     triangles: list[int] = []
     points: list[Array] = [on.points[0]]
-    for k, (p, q) in enumerate(pairwise(on.points)):
+    for k in range(len(given) - 1):
+        p: Array = on.points[k]
+        q: Array = on.points[k + 1]
         if np.linalg.norm(q - p) <= IN_PLANE * size:
             continue
         at_p = _triangles_at(surface, neighbours, int(on.triangle[k]), p)
@@ -191,7 +194,7 @@ def line_through(surface: Surface, neighbours: Neighbours, given: Array) -> Line
         way = _shortest_way(surface, neighbours, (p, q), (at_p, at_q))
         if way is None:
             raise InputError(
-                f"Surface.along: there is no way on the surface from point {k + 1} to point "
+                f"FormSurface.along: there is no way on the surface from point {k + 1} to point "
                 f"{k + 2}; give more points between them."
             )
         triangles += way[0]
@@ -200,17 +203,17 @@ def line_through(surface: Surface, neighbours: Neighbours, given: Array) -> Line
     lines = []
     if triangles:
         lines = _without_points(np.array(triangles), np.array(points[:-1]), ends)
-    check(bool(lines), "Surface.along: all points are one; give points of a line.")
+    check(bool(lines), "FormSurface.along: all points are one; give points of a line.")
     return lines[0]
 
 
 def _triangles_at(
-    surface: Surface, neighbours: Neighbours, triangle: int, point: Array
+    surface: Triangulation, neighbours: Neighbours, triangle: int, point: Array
 ) -> list[int]:
     """The triangles that have a point (3,) [m] of one of them, which is inside, on a side or at a
     corner."""
     around: set[int] = set()
-    for corner in surface.triangles[triangle].tolist():
+    for corner in as_list(surface.triangles[triangle]):
         around |= set(neighbours.at_corner[corner])
     candidates = np.array(sorted(around))
     corners = surface.points[surface.triangles[candidates]]
@@ -219,11 +222,11 @@ def _triangles_at(
     off = np.linalg.norm(np.einsum("nk,nkc->nc", weights, corners) - given, axis=1)
     sizes = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
     has_point = (weights.min(axis=1) > -ON_SIDE) & (off < ON_SIDE * sizes)
-    return sorted({triangle, *candidates[has_point].tolist()})
+    return sorted({triangle, *as_list(candidates[has_point])})
 
 
 def _shortest_way(
-    surface: Surface,
+    surface: Triangulation,
     neighbours: Neighbours,
     ends: tuple[Array, Array],
     at_ends: tuple[list[int], list[int]],

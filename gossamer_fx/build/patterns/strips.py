@@ -4,34 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
-from gossamer_fx.build.patterns.cutting import CutMesh, SeamEdges, cut_surface
+from gossamer_fx.build.patterns.cutting import CutMesh, SeamEdges, named_edges
+from gossamer_fx.build.patterns.flat_panels import Cord, Panels
 from gossamer_fx.build.patterns.flattening import flattened, tensioned
-from gossamer_fx.build.patterns.seam_lines import Line
-from gossamer_fx.build.patterns.surfaces import Surface
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.build.patterns.triangulation import Triangulation
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.mechanics.bodies.cable import BarLaw
 from gossamer_fx.mechanics.materials.film import FilmLaw
-
-if TYPE_CHECKING:
-    from gossamer_fx.build.patterns.flat_panels import Panels
 
 # Tension [N/m] of a panel, in all directions or along and across it
 Tension = (
     Annotated[float, not_negative("N/m")]
     | tuple[Annotated[float, not_negative("N/m")], Annotated[float, not_negative("N/m")]]
 )
-# A cord, and the force [N] that it shall have
-Cord = tuple[BarLaw, Annotated[float, positive("N")]]
 
 
 @dataclass(frozen=True, eq=False)
-class Strips(Sequence[Surface]):
-    """The strips of a cut surface; made by `Surface.cut`.
+class Strips(Sequence[Triangulation]):
+    """The strips of a cut surface; made by `FormSurface.cut`.
 
     `strips[k]` is strip k as a surface.  Its groups are the edges of each seam, "seam 0", ..., and
     its parts of the rim, by the names of the surface, or "rim 1", ... from corner to corner.
@@ -48,14 +42,14 @@ class Strips(Sequence[Surface]):
         (2, ['rim 1', 'rim 2', 'rim 4', 'seam 0'])
     """
 
-    form: Surface
+    form: Triangulation
     mesh: CutMesh
 
     def __len__(self) -> int:
         """Number of strips."""
         return int(self.mesh.strip.max()) + 1
 
-    def __getitem__(self, k: int) -> Surface:  # type: ignore[override]
+    def __getitem__(self, k: int) -> Triangulation:  # type: ignore[override]
         """Strip k."""
         number = k + len(self) if k < 0 else k
         if not 0 <= number < len(self):
@@ -69,7 +63,7 @@ class Strips(Sequence[Surface]):
             mine = points[np.isin(points, used)]
             if len(mine):
                 groups[name] = np.searchsorted(used, mine)
-        return Surface(mesh.points[used], triangles.reshape(-1, 3), groups, self.form.comm)
+        return Triangulation(mesh.points[used], triangles.reshape(-1, 3), groups, self.form.comm)
 
     @property
     def seams(self) -> tuple[SeamEdges, ...]:
@@ -112,8 +106,6 @@ class Strips(Sequence[Surface]):
             >>> [f"{1 - panel.length:.4f}" for panel in panels]
             ['0.0070', '0.0070']
         """
-        from gossamer_fx.build.patterns.flat_panels import Panels
-
         n1, n2 = tension if isinstance(tension, tuple) else (tension, tension)
         known = set(self.mesh.rims)
         for seam in self.mesh.seams:
@@ -126,25 +118,4 @@ class Strips(Sequence[Surface]):
             )
         film = tensioned(law, (float(n1), float(n2)))
         flat = flattened(self.mesh, film, equal_seams)
-        return Panels(self, law, film, flat, dict(edge_cables or {}))
-
-
-def strips_of(surface: Surface, lines: Sequence[Line]) -> Strips:
-    """The strips of a surface that is cut along lines of it."""
-    return Strips(surface, cut_surface(surface, lines))
-
-
-def named_edges(mesh: CutMesh, strip: int) -> dict[str, np.ndarray]:
-    """The edges (k, 2) at the boundary of a strip, by name."""
-    found = {}
-    for seam in mesh.seams:
-        sides = zip(seam.strips, seam.names, (seam.left, seam.right), strict=True)
-        for side, name, points in sides:
-            if side == strip:
-                found[name] = np.stack([points[:-1], points[1:]], axis=1)
-    used = np.unique(mesh.triangles[mesh.strip == strip])
-    for name, edges in mesh.rims.items():
-        mine = edges[np.isin(edges[:, 0], used)]
-        if len(mine):
-            found[name] = mine
-    return found
+        return Panels(self.form, self.mesh, law, film, flat, dict(edge_cables or {}))

@@ -8,17 +8,33 @@ are made of some ten thousand triangles and not of millions.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.build.patterns.closest import ClosestPoints, closest_points
+from gossamer_fx.build.patterns.closest import Numbers
+from gossamer_fx.build.patterns.cutting import cut_surface
+from gossamer_fx.build.patterns.seam_lines import (
+    Neighbours,
+    SeamLine,
+    line_through,
+    neighbours_of,
+    section,
+    section_lines,
+)
+from gossamer_fx.build.patterns.strips import Strips
+from gossamer_fx.build.patterns.triangulation import (
+    Triangulation,
+    area_vectors,
+    rows_of_points,
+    sides_of,
+)
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import (
     InputError,
@@ -43,11 +59,6 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 
-if TYPE_CHECKING:
-    from gossamer_fx.build.patterns.seam_lines import Line, Neighbours
-    from gossamer_fx.build.patterns.strips import Strips
-
-Numbers = npt.NDArray[np.int64]
 # Points (n, 3) [m] and triangles (m, 3) between them
 PointsAndTriangles = tuple[npt.ArrayLike, npt.ArrayLike]
 
@@ -63,15 +74,9 @@ CAD_FILES = (".step", ".stp", ".iges", ".igs", ".brep")
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """A triangulated surface, the same on every rank; made by `surface`, `height_surface` or
-    `read_surface`.
-
-    Attributes:
-        points: (n, 3) [m].
-        triangles: numbers (m, 3) of their corners, with consistent normals.
-        groups: named points (1,) and edges (k, 2), as numbers of points, e.g. of supports.
-        comm: the ranks that have it.
+class FormSurface(Triangulation):
+    """The form that a film shall have, as a triangulated surface; made by `surface`,
+    `height_surface` or `read_surface`.
 
     Example:
         >>> points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -80,42 +85,8 @@ class Surface:
         (1.0, 2)
     """
 
-    points: Array
-    triangles: Numbers
-    groups: Mapping[str, Numbers] = field(default_factory=dict)
-    comm: MPI.Intracomm = field(default_factory=lambda: MPI.COMM_WORLD)
-
-    def __repr__(self) -> str:
-        """The numbers of triangles and points, and the names of the groups."""
-        names = ", ".join(self.groups) or "none"
-        return (
-            f"<Surface of {len(self.triangles)} triangles, {len(self.points)} points, "
-            f"{self.area:.4g} m²; groups: {names}>"
-        )
-
-    @cached_property
-    def normals(self) -> Array:
-        """Unit normals (m, 3) of the triangles."""
-        vectors = _area_vectors(self.points, self.triangles)
-        return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-    @property
-    def area(self) -> float:
-        """Area [m²]."""
-        vectors = _area_vectors(self.points, self.triangles)
-        return float(np.linalg.norm(vectors, axis=1).sum())
-
     @check_arguments
-    def closest(self, points: npt.ArrayLike) -> ClosestPoints:
-        """The points of the surface that are closest to given ones (n, 3) [m].
-
-        Raises:
-            InputError: the points are not rows of three numbers.
-        """
-        return closest_points(self.points, self.triangles, _rows("Surface.closest", points))
-
-    @check_arguments
-    def by_planes(self, points: npt.ArrayLike, normal: npt.ArrayLike) -> list[Line]:
+    def by_planes(self, points: npt.ArrayLike, normal: npt.ArrayLike) -> list[SeamLine]:
         """Lines in which planes cut the surface, e.g. for seams.
 
         Where a plane meets the surface in several lines, each is one.  A line goes along (normal of
@@ -135,31 +106,33 @@ class Surface:
             >>> line.length
             1.0
         """
-        from gossamer_fx.build.patterns.seam_lines import section, section_lines
-
-        origins = _rows("Surface.by_planes", points)
+        origins = rows_of_points("FormSurface.by_planes", points)
         normals = real_numbers(normal)
         if normals is None or normals.shape not in ((3,), origins.shape):
-            raise InputError("Surface.by_planes: normal is not (3,), or one (3,) for each point.")
+            raise InputError(
+                "FormSurface.by_planes: normal is not (3,), or one (3,) for each point."
+            )
         found = []
-        for k, across in enumerate(np.broadcast_to(normals, origins.shape)):
+        for k in range(len(origins)):
+            origin: Array = origins[k]
+            across: Array = normals if normals.ndim == 1 else normals[k]
             length = float(np.linalg.norm(across))
             check(
                 math.isfinite(length) and length > 0,
-                f"Surface.by_planes: the normal of plane {k + 1} is {across.tolist()}; "
+                f"FormSurface.by_planes: the normal of plane {k + 1} is {across.tolist()}; "
                 "give a vector that is not zero.",
             )
-            cut = section(self, origins[k], across / length)
+            cut = section(self, origin, across / length)
             lines = section_lines(self, self._neighbours, cut)
             check(
                 bool(lines),
-                f"Surface.by_planes: plane {k + 1} does not cut the surface; move its point.",
+                f"FormSurface.by_planes: plane {k + 1} does not cut the surface; move its point.",
             )
             found += lines
         return found
 
     @check_arguments
-    def along(self, points: npt.ArrayLike) -> Line:
+    def along(self, points: npt.ArrayLike) -> SeamLine:
         """The line on the surface through given points, e.g. for a seam.
 
         Each point is moved to the closest one of the surface.  Between two points the line is in
@@ -178,14 +151,12 @@ class Surface:
             >>> round(square.along([(0.0, 0.5, 0.0), (0.5, 0.5, 0.0), (1.0, 0.7, 0.0)]).length, 4)
             1.0385
         """
-        from gossamer_fx.build.patterns.seam_lines import line_through
-
-        given = _rows("Surface.along", points)
-        check(len(given) > 1, "Surface.along: there is one point; give two or more.")
+        given = rows_of_points("FormSurface.along", points)
+        check(len(given) > 1, "FormSurface.along: there is one point; give two or more.")
         return line_through(self, self._neighbours, given)
 
     @check_arguments
-    def cut(self, lines: Sequence[Line]) -> Strips:
+    def cut(self, lines: Sequence[SeamLine]) -> Strips:
         """Cut the surface along lines; both sides of a cut have the same points.
 
         Lines may cross each other, and may end inside of the surface.
@@ -203,16 +174,12 @@ class Surface:
             >>> [round(strips[k].area, 12) for k in range(len(strips))]
             [0.25, 0.25, 0.5]
         """
-        from gossamer_fx.build.patterns.strips import strips_of
-
-        check(len(lines) > 0, "Surface.cut: there are no lines; give one or more.")
-        return strips_of(self, lines)
+        check(len(lines) > 0, "FormSurface.cut: there are no lines; give one or more.")
+        return Strips(self, cut_surface(self, lines))
 
     @cached_property
     def _neighbours(self) -> Neighbours:
         """The triangles by their sides."""
-        from gossamer_fx.build.patterns.seam_lines import neighbours_of
-
         return neighbours_of(self)
 
 
@@ -222,7 +189,7 @@ def surface(
     *,
     at: HasSystem | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
-) -> Surface:
+) -> FormSurface:
     """Make a surface of points and triangles, of a mesh, or of a film.
 
     Of a film whose form was found (`analysis.find_form`) the mesh is the form.  Of an equilibrium
@@ -271,7 +238,7 @@ def height_surface(
     outline: Sequence[Sequence[float]] | Array,
     size: Annotated[float, positive("m")],
     comm: MPI.Intracomm = MPI.COMM_WORLD,
-) -> Surface:
+) -> FormSurface:
     """Make the surface of a height z(x, y) over a plane outline.  Collective.
 
     Groups: "rim 1", ... are its sides, "corner 1", ... its corners, in the order of the outline;
@@ -341,7 +308,7 @@ def read_surface(
     size: Annotated[float, positive("m")] | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     time_limit: Annotated[float, positive("s")] = TIME_LIMIT,
-) -> Surface:
+) -> FormSurface:
     """Read a surface from an STL file, or mesh one from a STEP, IGES or BREP file.  Collective.
 
     The triangles of an STL file are taken as they are.  All surfaces of a file are taken, with one
@@ -402,20 +369,6 @@ def read_surface(
     return _distributed(comm, on_rank_zero(comm, arrays))
 
 
-def _rows(what: str, points: npt.ArrayLike) -> Array:
-    """Given points as an array (n, 3) [m]; `InputError` names the caller."""
-    rows = real_numbers(points)
-    if rows is None or rows.ndim != 2 or rows.shape[1] != 3 or not are_usual_sizes(rows):
-        raise InputError(f"{what}: points are not rows of three numbers (x, y, z); give (n, 3).")
-    return rows
-
-
-def _area_vectors(points: Array, triangles: Numbers) -> Array:
-    """Half of the cross product of two sides (m, 3) [m²] of each triangle."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    return np.cross(b - a, c - a) / 2
-
-
 def _from_gmsh(build: Callable[[Any], None], what: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     """The mesh that a function builds in gmsh, on this rank alone."""
 
@@ -437,7 +390,7 @@ def _from_gmsh(build: Callable[[Any], None], what: str, time_limit: float = TIME
 
 def _checked_arrays(source: PointsAndTriangles) -> RawMesh:
     """Given points and triangles as a checked mesh."""
-    points = _rows("surface", source[0])
+    points = rows_of_points("surface", source[0])
     triangles = np.asarray(source[1])
     check(
         triangles.ndim == 2 and triangles.shape[1] == 3 and triangles.dtype.kind in "iu",
@@ -466,14 +419,14 @@ def _checked(raw: RawMesh, what: str) -> RawMesh:
     )
     corners = raw.points[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    areas = np.linalg.norm(_area_vectors(raw.points, triangles), axis=1)
+    areas = np.linalg.norm(area_vectors(raw.points, triangles), axis=1)
     flat = np.flatnonzero(areas <= NO_AREA * longest**2)
     check(
         not len(flat),
         f"{what}: {len(flat)} triangles have no area, the first of them the one numbered "
         f"{flat[0] if len(flat) else 0}; leave them out.",
     )
-    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    sides = np.sort(sides_of(triangles), axis=1)
     edges, count = np.unique(sides, axis=0, return_counts=True)
     if count.max() > 2:
         where = ", ".join(f"{x:.4g}" for x in raw.points[edges[count.argmax()]].mean(axis=0))
@@ -497,16 +450,16 @@ def _checked(raw: RawMesh, what: str) -> RawMesh:
     return RawMesh("triangle", 1, raw.points[used], numbers.reshape(-1, 3), groups)
 
 
-def _distributed(comm: MPI.Intracomm, raw: RawMesh | None) -> Surface:
+def _distributed(comm: MPI.Intracomm, raw: RawMesh | None) -> FormSurface:
     """The surface of a mesh that rank 0 has, on all ranks.  Collective."""
     found = comm.bcast(raw)
     groups = {}
     for name, (dim, nodes) in found.groups.items():
         groups[name] = nodes.ravel() if dim == 0 else nodes
-    return Surface(found.points, found.cells, groups, comm)
+    return FormSurface(found.points, found.cells, groups, comm)
 
 
-def _of_mesh(mesh: Mesh, x: Array) -> Surface:
+def _of_mesh(mesh: Mesh, x: Array) -> FormSurface:
     """The surface of a distributed mesh with its nodes at x (n, 3) [m], local rows of its geometry.
     Collective."""
     domain = mesh.domain
@@ -541,10 +494,11 @@ def _of_mesh(mesh: Mesh, x: Array) -> Surface:
         if of_ranks:
             together = np.unique(np.sort(np.concatenate(of_ranks), axis=1), axis=0)
             found[name] = (together.shape[1] - 1, np.searchsorted(given, together))
-    raw = RawMesh("triangle", 1, points, np.searchsorted(given, triangles), found)
+    raw = RawMesh(
+        "triangle",
+        1,
+        np.asarray(points, dtype=np.float64),
+        np.searchsorted(given, triangles),
+        found,
+    )
     return _distributed(mesh.comm, on_rank_zero(mesh.comm, lambda: _checked(raw, "surface")))
-
-
-def polyline_length(points: Array) -> float:
-    """Length [m] of the line through points (n, 3) [m]."""
-    return math.fsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
