@@ -61,6 +61,31 @@ class ScalarObjective(Protocol):
         """Add ∂J/∂y of the present state, y the scalar unknowns of the system in their order."""
 
 
+@runtime_checkable
+class ResidualObjective(Protocol):
+    """An objective that depends on parameters θ directly by the residual r of the equilibrium, as a
+    reaction or a stiffness does; asked after `add_derivative`."""
+
+    def residual_parts(self, system: System) -> Sequence[tuple[PETSc.Vec, PETSc.Vec]]:
+        """Coordinates q and weights w of the sum Σ w·∂r/∂θ(q), new vectors."""
+
+
+@runtime_checkable
+class MassObjective(Protocol):
+    """An objective that depends on parameters θ by the masses M; asked after `add_derivative`."""
+
+    def mass_parts(self, system: System) -> Sequence[tuple[PETSc.Vec, PETSc.Vec]]:
+        """Vectors v and w of the sum Σ w·∂M/∂θ v."""
+
+
+@runtime_checkable
+class ForceObjective(ResidualObjective, Protocol):
+    """A force, of which the supports bear the part w·r(q) and connectors another one."""
+
+    def by_number(self, system: System, compiled: Any, term: Any, key: str) -> float:
+        """Direct derivative of the part of connectors by a number of a term, this rank's share."""
+
+
 def add_gas_pressures(
     objective: Objective,
     system: System,
