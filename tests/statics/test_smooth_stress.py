@@ -46,7 +46,7 @@ def test_derivatives_agree_with_differences(comm, measure, order):
     film, equilibrium = pulled(comm, order)
     smooth = gx.analysis.SmoothStress(film, measure=measure, limit=1e6)
     names = ["film.E", "film.thickness", "load.pressure", "film.shape"]
-    check_against_differences(equilibrium, names, [smooth], CHANGES)
+    check_against_differences(equilibrium, names, [smooth], CHANGES, agreement=1e-5)
 
 
 def test_slack_film_has_no_maximum(comm):

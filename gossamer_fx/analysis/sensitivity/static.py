@@ -15,22 +15,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.sensitivity.along_shape import StiffnessAlong
-from gossamer_fx.analysis.sensitivity.objectives import (
-    Energy,
-    ForceObjective,
-    FormObjective,
-    MassObjective,
-    Objective,
-    ResidualObjective,
-    add_gas_pressures,
-)
+from gossamer_fx.analysis.sensitivity.objectives import Energy, add_gas_pressures
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.static_solver import StaticSolver
 from gossamer_fx.analysis.sensitivity.variables import (
@@ -44,37 +36,19 @@ from gossamer_fx.analysis.sensitivity.variables import (
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector
+from gossamer_fx.records.probes.objective import ForceObjective, Objective
 from gossamer_fx.records.probes.points import AXES, Position
 from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import Sought
 
 # Work of a change of a parameter on a free motion, over that of its parts with random signs, up to
 # which it is round-off.
 UNBALANCED = 1e-6
 
 
-@runtime_checkable
-class SolvedEquilibrium(Protocol):
-    """An `analysis.Equilibrium`, as far as gradients need it."""
-
-    @property
-    def system(self) -> System:
-        """The compiled scene in the equilibrium."""
-
-    @property
-    def is_known_regular(self) -> bool:
-        """Whether the tangent in the present state was found to be regular."""
-
-    @property
-    def free_words(self) -> str:
-        """Why the tangent may be singular, as a clause, e.g. which motions nothing resists."""
-
-    def need(self, what: str) -> None:
-        """Raise `InputError` unless an equilibrium was found."""
-
-
 @check_arguments
 def point_stiffness(
-    equilibrium: SolvedEquilibrium, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
+    equilibrium: Sought, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
 ) -> float:
     """Stiffness dF/du [N/m] of a point about an equilibrium, by its tangent.  Collective.
 
@@ -110,7 +84,7 @@ def point_stiffness(
 
 
 @check_arguments
-class PointStiffness:
+class PointStiffness(Objective):
     """Stiffness dF/du [N/m] of a point about an equilibrium, as a result with derivatives; see
     `point_stiffness`.
 
@@ -141,7 +115,7 @@ class PointStiffness:
     unit = "N/m"
 
     def __init__(
-        self, equilibrium: SolvedEquilibrium, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
+        self, equilibrium: Sought, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
     ) -> None:
         self._equilibrium = equilibrium
         self._row = partial(_row_of, equilibrium.system, port, direction)
@@ -185,7 +159,6 @@ class PointStiffness:
         return StiffnessAlong(system, self._shape, self._factor, "PointStiffness")
 
     def residual_parts(self, system: System) -> list[tuple[PETSc.Vec, PETSc.Vec]]:
-        """Direct derivatives, see `objectives.ResidualObjective`."""
         return self._along(system).residual_parts()
 
 
@@ -208,7 +181,7 @@ def _row_of(system: System, port: Port, direction: Vector) -> PETSc.Vec:
 class StaticAdjoint:
     """Solves (1) at one equilibrium, which may be found again in between."""
 
-    def __init__(self, equilibrium: SolvedEquilibrium, what: str) -> None:
+    def __init__(self, equilibrium: Sought, what: str) -> None:
         """`what` is the public function that needs it, for messages."""
         for scalars in equilibrium.system.equations.scalar_unknowns:
             check(
@@ -258,7 +231,7 @@ class StaticAdjoint:
 class StaticGradients(StaticAdjoint):
     """Gradients of results of one equilibrium, by the same variables."""
 
-    def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
+    def __init__(self, equilibrium: Sought, by: Sequence[str]) -> None:
         super().__init__(equilibrium, "gradient")
         system = self._system
         check(
@@ -334,8 +307,7 @@ class StaticGradients(StaticAdjoint):
             variable.start()
             variable.add_residual(self._λ, with_inertia=False)
         self._add_residual_parts(objective)
-        if isinstance(objective, MassObjective):
-            self._add_mass_parts(objective)
+        self._add_mass_parts(objective)
         explicit = self._explicit_derivatives(objective)
         for variable, derivatives in zip(self.variables, explicit, strict=True):
             for derivative in derivatives:
@@ -349,8 +321,6 @@ class StaticGradients(StaticAdjoint):
 
     def _add_residual_parts(self, objective: Objective) -> None:
         """Add Σ w·∂r/∂θ(q) of a result that depends on the residual.  Collective."""
-        if not isinstance(objective, ResidualObjective):
-            return
         system = self._system
         for q, weights in objective.residual_parts(system):
             system.equations.set_end(q)
@@ -362,15 +332,16 @@ class StaticGradients(StaticAdjoint):
             weights.destroy()
         system.equations.set_end(system.unknowns.q0)
 
-    def _add_mass_parts(self, objective: MassObjective) -> None:
+    def _add_mass_parts(self, objective: Objective) -> None:
         """Add Σ w·∂M/∂θ v of a result that depends on masses.  Collective."""
+        parts = objective.mass_parts(self._system)
         for variable in self.variables:
             check(
-                not variable.changes_mass,
+                not (parts and variable.changes_mass),
                 f"gradient: '{variable.name}' changes a mass, whose derivative is not known; leave "
                 f"it out, as the {type(objective).__name__} depends on it.",
             )
-        for v, weights in objective.mass_parts(self._system):
+        for v, weights in parts:
             self._adjoint.set(weights)
             self._adjoint.set_inertia(v)
             for variable in self.variables:
@@ -383,7 +354,7 @@ class StaticGradients(StaticAdjoint):
         known = self._explicit.get(id(objective))
         if known is not None:
             return known
-        forms = objective.forms(self._system) if isinstance(objective, FormObjective) else []
+        forms = objective.forms(self._system)
         found: list[list[FormDerivative]] = []
         for variable in self.variables:
             derivatives = []

@@ -28,6 +28,7 @@ from gossamer_fx.records.fields.best_surface import cells_of
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.records.fields.fields import FIELDS
 from gossamer_fx.records.probes.films import MEASURES, Measure
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import ForSystem
 
@@ -37,7 +38,7 @@ USUAL_STRESS = 1e6
 
 
 @check_arguments
-class SmoothStress:
+class SmoothStress(Objective):
     """Smooth maximum of the stress of a film, (∫⟨σ⟩^p dA/A)^(1/p), as a result with derivatives.
 
     It is the `largest_stress` for p → ∞, and below it otherwise: ask both.

@@ -40,11 +40,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.analysis.sensitivity.objectives import (
-    ForceObjective,
-    Objective,
-    add_gas_pressures,
-)
+from gossamer_fx.analysis.sensitivity.objectives import add_gas_pressures
 from gossamer_fx.analysis.sensitivity.static_solver import StaticSolver
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import (
@@ -60,8 +56,9 @@ from gossamer_fx.analysis.vibration.natural_modes import (
 from gossamer_fx.analysis.vibration.spectrum import symmetric_on_constraints
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.terms import Term, terms_of
+from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.loads.body_forces import Centrifugal
+from gossamer_fx.records.probes.objective import ForceObjective, Objective
 from gossamer_fx.solve.system.system import System
 
 Complex = npt.NDArray[np.complex128]
@@ -207,7 +204,7 @@ class ModalModel:
         residual = system.unknowns.numbering.vector()
         kinds: dict[Any, list[Term]] = {}
         for item in items:
-            terms = list(terms_of(item, system.unknowns.state))
+            terms = list(item.terms(system.unknowns.state))
             name = getattr(item, "name", type(item).__name__)
             for term in terms:
                 kinds.setdefault(term.compiler, []).append(term)
@@ -435,7 +432,7 @@ class ModalResponse:
             rows = self._of_shapes([by_position, by_velocity])
             return np.asarray(amplitudes @ rows[0] + 1j * ω * (amplitudes @ rows[1]))
         # What supports hold bears the damping and the inertia of its nodes, too.
-        [(_, weights)] = probe.residual_parts(self.system)
+        weights = probe.residual_weights(self.system)
         inertia = weights.duplicate()
         self.system.unknowns.M.mult(weights, inertia)
         rows = self._of_shapes([by_position, self._damping_at(weights), inertia.array_r])

@@ -26,6 +26,7 @@ from gossamer_fx.analysis.vibration.natural_modes import (
 )
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 
 # Relative difference of neighbouring frequencies below which a mode is not unique, and its
@@ -34,7 +35,7 @@ SMALLEST_DISTANCE = 1e-6
 
 
 @check_arguments
-class Frequency:
+class Frequency(Objective):
     """Frequency [Hz] of a mode of an equilibrium, for `gx.analysis.gradient`.
 
     Args:
@@ -123,11 +124,9 @@ class Frequency:
         return StiffnessAlong(system, self._shape, self._factor, "Frequency")
 
     def residual_parts(self, system: System) -> list[tuple[PETSc.Vec, PETSc.Vec]]:
-        """Direct derivatives by the stiffness, see `objectives.ResidualObjective`."""
         return self._stiffness(system).residual_parts()
 
     def mass_parts(self, system: System) -> list[tuple[PETSc.Vec, PETSc.Vec]]:
-        """Direct derivatives by the mass, see `objectives.MassObjective`."""
         assert self._shape is not None, "the mode is derived first"
         weights = self._shape.copy()
         weights.scale(-self._factor * self._square)

@@ -11,9 +11,11 @@ from gossamer_fx.core.algebra.point_measures import attach, is_evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.records.fields.reactions import GroundForce, Joint, NamedPart, joint_force
+from gossamer_fx.records.fields.reactions import GroundForce, Joint, joint_force
+from gossamer_fx.records.probes.objective import ForceObjective, Objective
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import ForSystem, StateView, chamber_state
 
@@ -39,7 +41,7 @@ GAS_UNITS: dict[GasQuantity, str] = {
 
 
 @check_arguments
-class Position:
+class Position(Objective):
     """Coordinate [m] of a point of a body.
 
     Args:
@@ -271,7 +273,7 @@ class JointForce:
 
 
 @check_arguments
-class Reaction:
+class Reaction(ForceObjective):
     """Component of the force [N], or of its moment [N m], that the ground exerts on the scene
     through a support, joint or connector, in the last step.
 
@@ -304,7 +306,7 @@ class Reaction:
 
     def __init__(
         self,
-        of: NamedPart,
+        of: Item,
         axis: AxisName,
         *,
         action: Literal["force", "moment"] = "force",
@@ -341,17 +343,15 @@ class Reaction:
         """Add the derivative by the pressures of gas."""
         self._derivative(system).add_scalars(by_scalars)
 
-    def residual_parts(self, system: System) -> list[tuple[PETSc.Vec, PETSc.Vec]]:
-        """The coordinates, and weights of the residual there: supports bear w·r."""
-        return [(system.unknowns.q0.copy(), self._derivative(system).residual_weights())]
+    def residual_weights(self, system: System) -> PETSc.Vec:
+        return self._derivative(system).residual_weights()
 
     def by_number(self, system: System, compiled: Any, term: Any, key: str) -> float:
-        """Direct derivative by a number of a connector, see `objectives.ForceObjective`."""
         return self._derivative(system).by_number(compiled, term, key)
 
     @classmethod
     def components(
-        cls, of: NamedPart, name: str, *, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        cls, of: Item, name: str, *, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> dict[str, Reaction]:
         """Probes of all six components by the names of their columns, "NAME force x [N]" to "NAME
         moment z [N m]", e.g. for `Series`, `outputs.Probes` or `Case`.
