@@ -285,7 +285,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add(
         "materials.Fabric",
         warp=([0.0, 0.01, 0.03], [0.0, 2e3, 20e3]),
-        weft=([0.0, 0.03], [0.0, 15e3]),
+        weft=([0.0, 0.03], [0.0, 3e3]),
         shear=([0.0, 0.1], [0.0, 500.0]),
         density=800.0,
         thickness=3e-4,
