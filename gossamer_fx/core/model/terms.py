@@ -57,6 +57,20 @@ class MeasuresMesh:
         raise NotImplementedError
 
 
+class MeasuresStart:
+    """Base of items that keep what they have measured on bodies in the initial state, such as the
+    length of a link: a result has no derivative by the initial positions of these bodies, as others
+    would give other items."""
+
+    def requires(self) -> Iterable[object]:
+        """The bodies that are measured, or may be."""
+        raise NotImplementedError
+
+    def keeps_measures(self) -> bool:
+        """Whether it has such numbers as it was made."""
+        return True
+
+
 class OnBody:
     """An item of a scene that acts on one body, which joins the scene with it."""
 
