@@ -12,8 +12,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.gas.ring import Loop
 from demos.design import opening_time
+from gossamer_fx.mechanics.gas.ring import Loop
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.gases import NITROGEN

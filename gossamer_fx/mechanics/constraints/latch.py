@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -220,20 +220,14 @@ class HoldDown(MeasuresStart):
         | UniversalJoint
     )
 
-    @property
-    def name(self) -> str:
-        """The name of the joint."""
-        return self.joint.name
+    # Those of the joint.
+    name: str = field(init=False)
+    a: Any = field(init=False)
+    b: Any = field(init=False)
 
-    @property
-    def a(self) -> Any:
-        """First side of the joint."""
-        return self.joint.a
-
-    @property
-    def b(self) -> Any:
-        """Second side of the joint."""
-        return self.joint.b
+    def __post_init__(self) -> None:
+        for what in ("name", "a", "b"):
+            object.__setattr__(self, what, getattr(self.joint, what))
 
     def requires(self) -> Iterable[Any]:
         return self.joint.requires()

@@ -183,7 +183,7 @@ class Loop:
         area_vector = self._area_vector(xs, xr)
         size = float(np.linalg.norm(area_vector))
         gradient = np.zeros_like(X)
-        length = float(self._weights @ np.linalg.norm(xs, axis=1))
+        length = float(self._weights @ np.linalg.norm(xs, axis=-1).sum(axis=0))
         if size <= CLOSED * length**2:
             # A closed ring opens in no direction more than in another.
             return gradient
