@@ -45,12 +45,16 @@ from gossamer_fx.analysis.cases.results import (  # noqa: E402
 )
 
 FOLDER = ROOT / "docs" / "evidence"
-# Pages whose tables are evidence, by the name of their file of records.
+# Pages with tables of evidence, by the name of their file of records.
 PAGES = {
     "first_page": ROOT / "README.md",
     **{
         name: ROOT / "docs" / f"{name}.md"
         for name in ("benchmark", "findings", "measured", "performance", "sources", "verification")
+    },
+    **{
+        name: ROOT / "docs" / "howto" / f"{name}.md"
+        for name in ("choose", "damping", "statics", "step_size")
     },
 }
 _SPREAD = re.compile(r"<!-- spread (\w+) -->\n(.*?)<!-- /spread -->", re.DOTALL)
@@ -266,7 +270,22 @@ def spread_table(name: str) -> str:
         others = [f"`{value_text(run.values[factor])}`" for run in found.runs_of(factor)]
         words = ", ".join(others[:-1]) + " and " * bool(others[:-1]) + others[-1]
         lines.append(f"- The factor *{factor}* is usually {usual}. Other runs have {words}.")
+    lines += list(scatters(found))
     return "\n".join(lines) + "\n"
+
+
+def scatters(found: Spread) -> Iterator[str]:
+    """A line for each quantity that is statistical: its mean and its scatter."""
+    for name in found.names:
+        verdict = found.verdict(name)
+        if verdict.kind == "statistical":
+            words, _, unit = name.removesuffix("]").partition(" [")
+            mean = rounded(verdict.value, verdict.deviation)
+            deviation = rounded(verdict.deviation, verdict.deviation)
+            yield (
+                f"- The {words} is statistical, with a mean of {mean} {unit} and a standard "
+                f"deviation of {deviation} {unit}."
+            )
 
 
 def spread_rows(found: Spread) -> Iterator[list[str]]:

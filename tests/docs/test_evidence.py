@@ -12,14 +12,13 @@ from gossamer_fx.app.cli.demo import demos_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
-PAGES += ("verification",)
-ONE_VALUE = PAGES
+PAGES += ("verification", "choose", "damping", "statics", "step_size")
 # Parts that other commands make from result files, which have their own tests.
 MADE_ELSEWHERE = re.compile(
     r"<!-- (measured|benchmark|spread)( \w+)? -->.*?<!-- /\1 -->", re.DOTALL
 )
-# Tables of other things: the form and the inputs of case files.
-NOT_EVIDENCE = {"measured": 2}
+# Tables of other things: the form and the inputs of case files, calls, laws and their choice.
+NOT_EVIDENCE = {"measured": 3, "choose": 1, "damping": 2, "statics": 3}
 
 
 @pytest.fixture
@@ -75,7 +74,7 @@ def test_a_figure_has_a_command_that_exists_a_day_and_a_commit(evidence, page: s
                 assert named and (ROOT / named[0]).exists(), row.command
 
 
-@pytest.mark.parametrize("page", ONE_VALUE)
+@pytest.mark.parametrize("page", PAGES)
 def test_a_cell_holds_one_value_and_its_unit_is_said(evidence, page: str) -> None:
     remarks = [one for table in evidence.tables(page).values() for one in table.remarks()]
     assert not remarks, "\n".join(remarks)
