@@ -12,13 +12,13 @@ from gossamer_fx.app.cli.demo import demos_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
-PAGES += ("verification", "choose", "damping", "statics", "step_size")
+PAGES += ("verification", "choose", "damping", "files", "modes", "statics", "step_size")
 # Parts that other commands make from result files, which have their own tests.
 MADE_ELSEWHERE = re.compile(
     r"<!-- (measured|benchmark|spread)( \w+)? -->.*?<!-- /\1 -->", re.DOTALL
 )
 # Tables of other things: the form and the inputs of case files, calls, laws and their choice.
-NOT_EVIDENCE = {"measured": 3, "choose": 1, "damping": 2, "statics": 3}
+NOT_EVIDENCE = {"measured": 3, "choose": 1, "damping": 2, "files": 1, "statics": 3}
 
 
 @pytest.fixture
@@ -27,6 +27,11 @@ def evidence(monkeypatch: pytest.MonkeyPatch):
     import evidence
 
     return evidence
+
+
+def test_every_file_of_records_has_its_page(evidence) -> None:
+    assert sorted(PAGES) == sorted(evidence.PAGES)
+    assert sorted(PAGES) == sorted(path.stem for path in evidence.FOLDER.glob("*.toml"))
 
 
 @pytest.mark.parametrize("page", PAGES)
