@@ -56,6 +56,7 @@ PAGES = {
     "performance": ROOT / "docs" / "performance.md",
     "sources": ROOT / "docs" / "sources.md",
     "verification": ROOT / "docs" / "verification.md",
+    "folded_tube": ROOT / "docs" / "tutorials" / "folded_tube.md",
     **{name: ROOT / "docs" / "howto" / f"{name}.md" for name in GUIDES},
 }
 _SPREAD = re.compile(r"<!-- spread (\w+) -->\n(.*?)<!-- /spread -->", re.DOTALL)

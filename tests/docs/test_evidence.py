@@ -12,7 +12,8 @@ from gossamer_fx.app.cli.demo import demos_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
-PAGES += ("verification", "choose", "damping", "files", "modes", "statics", "step_size")
+PAGES += ("verification", "choose", "damping", "files", "folded_tube", "modes", "statics")
+PAGES += ("step_size",)
 # Parts that other commands make from result files, which have their own tests.
 MADE_ELSEWHERE = re.compile(
     r"<!-- (measured|benchmark|spread)( \w+)? -->.*?<!-- /\1 -->", re.DOTALL
@@ -45,6 +46,9 @@ def test_every_table_of_evidence_has_records(evidence, page: str) -> None:
     rest = evidence._BETWEEN.sub("", MADE_ELSEWHERE.sub("", text))
     without = re.findall(r"^\|[-| :]+\|$", rest, re.MULTILINE)
     assert len(without) == NOT_EVIDENCE.get(page, 0)
+    # And no record is left that no page shows.
+    shown = [name for name, _ in evidence._BETWEEN.findall(text)]
+    assert sorted(shown) == sorted(evidence.tables(page))
 
 
 def names_of(folder: str, suffix: str) -> set[str]:
