@@ -66,6 +66,11 @@ def loading() -> Iterator[None]:
             raise CtrlC
 
 
+def is_first_rank() -> bool:
+    """Whether this process is the first rank, or the only one, by the variables of MPI."""
+    return all(os.environ.get(name, "0") == "0" for name in _RANKS)
+
+
 def _handle(handler: Handler, before: Handler) -> None:
     """Set a handler of the signals by which Ctrl-C comes."""
     # A shell lets what it starts in the background ignore Ctrl-C.
@@ -77,7 +82,7 @@ def _handle(handler: Handler, before: Handler) -> None:
 
 def _end(number: int, frame: FrameType | None) -> None:
     """End this process at once; one rank says why."""
-    if all(os.environ.get(name, "0") == "0" for name in _RANKS):
+    if is_first_rank():
         os.write(2, f"gossamer: {STOPPED}\n".encode())
     os._exit(EXIT_CODE_OFFSET + signal.SIGINT)
 
