@@ -20,6 +20,7 @@ from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.forms.backend import SHEETS_MAY_MEET, VERSION, distribute, gmsh_order
 from gossamer_fx.core.mesh.edges import EdgeTable, edges_of
+from gossamer_fx.core.mesh.geometry_files import check_what_gmsh_reads
 from gossamer_fx.core.mesh.gmsh_reader import (
     TIME_LIMIT,
     BadMesh,
@@ -281,6 +282,7 @@ def built(
         gmsh.initialize(readConfigFiles=False, interruptible=False)
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.logger.start()
+        check_what_gmsh_reads(time_limit)
         build(gmsh.model)
         dropped = dropped_triangles()
         return replace(_oriented_if(orient, extract(gmsh.model)), dropped=dropped)
