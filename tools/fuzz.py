@@ -322,9 +322,7 @@ def requests(run: Path) -> tuple[list[bytes], Reader]:
     return [*corpus, b"GET http://[ HTTP/1.1\r\n\r\n"], answer
 
 
-def fuzz(
-    name: str, corpus: list[bytes], read: Reader, seconds: float, most: int, seed: int
-) -> int:
+def fuzz(name: str, corpus: list[bytes], read: Reader, seconds: float, most: int, seed: int) -> int:
     """Fuzz a reader for a time or a number of executions, whichever ends first, and print the
     executions; returns the number of failures."""
     rng = random.Random(seed)
@@ -366,7 +364,8 @@ def fuzz(
         print(f"{name}: FAILED {key}")
         Path(tempfile.gettempdir(), f"fuzz_{name.replace(' ', '_')}_{number}").write_bytes(data)
     print(
-        f"{name}: {executions} executions in {time.monotonic() - began:.0f} s, {len(failures)} kinds of failures, "
+        f"{name}: {executions} executions in {time.monotonic() - began:.0f} s, "
+        f"{len(failures)} kinds of failures, "
         f"{COVERAGE.lines - coverage_before} lines reached, slowest {slowest:.1f} s",
         flush=True,
     )

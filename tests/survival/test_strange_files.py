@@ -317,7 +317,7 @@ def test_a_geometry_of_many_solids_is_refused_before_it_is_read(tmp_path: Path) 
         gx.gmsh_mesh(build, ALONE)
     assert time.monotonic() - before < 10.0
     check_geometry(path, 300.0, has_names=False)
-    with pytest.raises(gx.InputError, match="about 2.4e.02 s, more than the 100 s"):
+    with pytest.raises(gx.InputError, match=r"about 2.4e.02 s, more than the 100 s"):
         check_geometry(path, 100.0, has_names=False)
 
 

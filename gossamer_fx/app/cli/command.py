@@ -201,6 +201,9 @@ def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
 
 def script() -> int:
     """The command `gossamer` of an installed package."""
+    from gossamer_fx.core.checks.ctrl_c import end_at_ctrl_c
+
+    end_at_ctrl_c()
     return main(sys.argv[1:])
 
 
@@ -226,8 +229,9 @@ def _parser() -> argparse.ArgumentParser:
     """The parser of the command line of `gossamer`, with all commands and their options.
 
     Commands that read or make runs store the function that runs them as `command`, which returns an
-    exit code or None; `main` itself runs demo, validate and doctor, and their entries here serve `--help`.  The parser ends the
-    program with the code 2, and one sentence on standard error, for words that it does not know.
+    exit code or None; `main` itself runs demo, validate and doctor, and their entries here serve
+    `--help`.  The parser ends the program with the code 2, and one sentence on standard error, for
+    words that it does not know.
     """
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
@@ -371,6 +375,12 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("run", type=Path, help="folder of a run")
     export.add_argument(
         "-o", "--output", type=Path, help="folder; default vtu in the folder of the run"
+    )
+    export.add_argument(
+        "--every",
+        type=_positive,
+        metavar="N",
+        help="one state of N, and the last one; default: all, if there are at most 20 000",
     )
     export.set_defaults(command=_export)
     # These execute files of users or read runs, whose errors may need a traceback.
@@ -783,7 +793,7 @@ def _export(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.records.plot.vtk_export import export
 
     run = RunReader(wanted.run)
-    print(export(run, wanted.output or wanted.run / "vtu"))
+    print(export(run, wanted.output or wanted.run / "vtu", every=wanted.every))
 
 
 def _write_and_print(path: Path, write: Callable[[Path], None]) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -37,6 +36,8 @@ def end_at_ctrl_c() -> None:
     """Let Ctrl-C end this command in a sentence while its parts are loaded: it has written nothing
     yet."""
     _handle(_end, signal.default_int_handler)
+    # The launcher lets Ctrl-C wait until now.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def raise_at_ctrl_c() -> None:
@@ -93,9 +94,3 @@ def _raise(number: int, frame: FrameType | None) -> None:
     if not _loading:
         raise CtrlC
     _has_come = True
-
-
-# This is the first module that is loaded.  Python finds the package of a command while the name of
-# the program still is -m.
-if sys.argv[:1] == ["-m"]:
-    end_at_ctrl_c()
