@@ -37,9 +37,14 @@ from .statics.prestress import ReachedPrestress as ReachedPrestress
 from .statics.result import EquilibriumResult as EquilibriumResult
 from .statics.several import EquilibriumFound as EquilibriumFound
 from .statics.several import equilibria as equilibria
+from .vibration.imperfection import imperfect_mesh as imperfect_mesh
 from .vibration.mode_sensitivity import Frequency as Frequency
 from .vibration.mode_shapes import ModeShapes as ModeShapes
 from .vibration.natural_modes import Mode as Mode
 from .vibration.natural_modes import modes as modes
+from .vibration.response import HarmonicResponse as HarmonicResponse
+from .vibration.response import RandomResponse as RandomResponse
+from .vibration.response import harmonic_response as harmonic_response
+from .vibration.response import random_response as random_response
 from .vibration.wave_separation import TravellingWaves as TravellingWaves
 from .vibration.wave_separation import travelling_waves as travelling_waves

@@ -47,6 +47,8 @@ UNCALLED = {
     "run.Interrupted",
     "Mesh",
     "analysis.Mode",
+    "analysis.HarmonicResponse",
+    "analysis.RandomResponse",
     "NoEquilibrium",
     "OutputFailure",
 }
@@ -487,6 +489,18 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         tolerance=0.1,
     )
     add("analysis.modes", equilibrium=inputs.equilibrium, count=1)
+    vibration: Call = {
+        "equilibrium": inputs.equilibrium,
+        "modes": inputs.modes,
+        "of": {"energy": gx.analysis.Energy()},
+        "loads": [gx.Gravity(inputs.film, (0.0, 0.0, 1.0))],
+        "base_acceleration": (0.0, 0.0, 0.0),
+        "loss_factor": 0.01,
+        "damping_ratio": 0.01,
+    }
+    add("analysis.harmonic_response", **vibration, frequencies=[1.0, 2.0])
+    add("analysis.random_response", **vibration, density=1e-3, band=(1.0, 2.0))
+    add("analysis.imperfect_mesh", body=inputs.film, mode=inputs.modes[0], amplitude=1e-3)
     add("analysis.equilibria", equilibrium=gx.Equilibrium(scene), starts=2, perturbation=0.01)
     add(
         "analysis.path",

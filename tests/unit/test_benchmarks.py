@@ -6,6 +6,7 @@ No run time is asserted: machines are shared.  The figures are read from `./goss
 from __future__ import annotations
 
 import csv
+import importlib
 import math
 import os
 import re
@@ -124,13 +125,42 @@ def test_messages_and_arithmetic_of_ranks_are_counted(bench):
     assert 1 <= float(two["flops, imbalance"]) <= 2
 
 
-def test_predicted_speed_ups_are_below_the_number_of_cores(bench):
+def test_speed_ups_are_predicted(bench):
+    """They are of times of this machine, so that nothing more is asked of them here."""
     _, (row,) = bench("scaling_model")
+    for unknowns in ("1e+05", "1e+06", "1e+07"):
+        for cores in (2, 16, 128, 1024):
+            assert 0 < float(row[f"{unknowns} on {cores}"]) < math.inf
+
+
+def test_predicted_speed_ups_are_below_the_number_of_cores(monkeypatch: pytest.MonkeyPatch):
+    """Of times that are given, proportional to the unknowns."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    model = importlib.import_module("scaling_model")
+
+    def profile(n: int, steps: int) -> dict[str, float]:
+        unknowns = 3.0 * (n + 1) ** 2
+        parts = ("law", "residual", "tangent", "rest", "incomplete factorisation", "applications")
+        parts += ("coarse matrix", "prolongations", "coarse factors", "coarse solutions")
+        times = {f"{part} [ms]": 1e-3 * unknowns for part in parts}
+        return times | {
+            "dofs": unknowns,
+            "Krylov/Newton": 5.0,
+            "copy on several ranks [s]": 1e-8 * unknowns,
+        }
+
+    def factorised(coarse_unknowns: int, by_mumps: bool) -> tuple[float, float]:
+        return 1e-7 * coarse_unknowns**1.5, 1e-8 * coarse_unknowns
+
+    monkeypatch.setattr(model, "profile", profile)
+    monkeypatch.setattr(model, "factorised", factorised)
+    monkeypatch.setattr(model, "choose_levels", lambda levels: None)
+    figures = model.scaling_model()
     for unknowns in ("1e+06", "1e+07"):
         for cores in (2, 16, 128):
-            assert 1 < float(row[f"{unknowns} on {cores}"]) < cores
+            assert 1 < figures[f"{unknowns} on {cores}"] < cores
     # More unknowns divide better.
-    assert float(row["1e+07 on 128"]) > float(row["1e+05 on 128"])
+    assert figures["1e+07 on 128"] > figures["1e+05 on 128"]
 
 
 @pytest.mark.slow

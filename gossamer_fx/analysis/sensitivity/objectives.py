@@ -61,6 +61,25 @@ class ScalarObjective(Protocol):
         """Add ∂J/∂y of the present state, y the scalar unknowns of the system in their order."""
 
 
+def add_gas_pressures(
+    objective: Objective,
+    system: System,
+    gas: Sequence[tuple[Array, float]],
+    by_position: PETSc.Vec,
+) -> None:
+    """Add Σ -κ ∂J/∂p g to the derivative of a result J by the coordinates, over the closed films
+    whose volume has the derivative g (n,) [m²] and whose gas the stiffness κ [Pa/m³]: pressures in
+    tanks do not depend on coordinates."""
+    if not (gas and isinstance(objective, ScalarObjective)):
+        return
+    by_scalars = np.zeros(system.matrices.scalar_count)
+    objective.add_scalar_derivative(system, by_scalars)
+    states = chamber_states(system).values()
+    enclosed = [k for k, state in enumerate(states) if state.enclosure is not None]
+    for k, (gradient, stiffness) in zip(enclosed, gas, strict=True):
+        by_position.array[:] -= by_scalars[k] * stiffness * gradient
+
+
 @check_arguments
 class Integral:
     """An integral over a body, e.g. a measure of wrinkling or the difference from a wanted shape.

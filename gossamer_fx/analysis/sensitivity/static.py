@@ -24,7 +24,7 @@ from gossamer_fx.analysis.sensitivity.objectives import (
     Energy,
     FormObjective,
     Objective,
-    ScalarObjective,
+    add_gas_pressures,
 )
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.static_solver import StaticSolver
@@ -41,7 +41,6 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector
 from gossamer_fx.records.probes.points import AXES, Position
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import chamber_states
 
 # Work of a change of a parameter on a free motion, over that of its parts with random signs, up to
 # which it is round-off.
@@ -241,7 +240,7 @@ class StaticGradients(StaticAdjoint):
         self._by_position.set(0.0)
         self._by_velocity.set(0.0)
         objective.add_derivative(system, self._by_position, self._by_velocity)
-        self._add_pressures(objective)
+        add_gas_pressures(objective, system, self._gas, self._by_position)
         self._adjoint.set(self.solve(self._by_position, type(objective).__name__))
         explicit = self._explicit_derivatives(objective)
         for variable, derivatives in zip(self.variables, explicit, strict=True):
@@ -253,20 +252,6 @@ class StaticGradients(StaticAdjoint):
                 variable.sum += variable.energy_derivative()
         value = objective(self._equilibrium)
         return collected(value, objective.unit, self.variables, system.comm, notes=self._notes)
-
-    def _add_pressures(self, objective: Objective) -> None:
-        """Add Σ -κ ∂J/∂p g to the derivative of a result by the coordinates, over the chambers that
-        films enclose: pressures in tanks do not depend on coordinates."""
-        if not (self._gas and isinstance(objective, ScalarObjective)):
-            return
-        system = self._system
-        by_scalars = np.zeros(system.matrices.scalar_count)
-        objective.add_scalar_derivative(system, by_scalars)
-        enclosed = [
-            k for k, gas in enumerate(chamber_states(system).values()) if gas.enclosure is not None
-        ]
-        for k, (gradient, stiffness) in zip(enclosed, self._gas, strict=True):
-            self._by_position.array[:] -= by_scalars[k] * stiffness * gradient
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
         """The direct derivatives ∂J/∂θ of a result J by each variable θ, as forms that are compiled

@@ -46,8 +46,8 @@ class MeshNodes:
         degree = geometry_element(mesh).degree
         self.space = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
         # For each node of the space the row of the mesh's array of positions.
-        self._row = np.zeros(self._count, dtype=np.int64)
-        self._row[self.space.dofmap.list.ravel()] = geometry_nodes(mesh).ravel()
+        self.rows = np.zeros(self._count, dtype=np.int64)
+        self.rows[self.space.dofmap.list.ravel()] = geometry_nodes(mesh).ravel()
 
     @property
     def _count(self) -> int:
@@ -58,7 +58,7 @@ class MeshNodes:
     def get(self) -> Array:
         """Positions (3n,) [m] of the n owned nodes, node by node."""
         owned = self.space.dofmap.index_map.size_local
-        positions: Array = self.mesh.geometry.x[self._row[:owned]]
+        positions: Array = self.mesh.geometry.x[self.rows[:owned]]
         return positions.ravel()
 
     def set(self, values: Array) -> None:
@@ -66,7 +66,7 @@ class MeshNodes:
         moved = fem.Function(self.space)
         moved.x.array[: len(values)] = values
         moved.x.scatter_forward()
-        self.mesh.geometry.x[self._row] = moved.x.array.reshape(-1, 3)
+        self.mesh.geometry.x[self.rows] = moved.x.array.reshape(-1, 3)
 
 
 Coefficient = fem.Constant | fem.Function | MeshNodes

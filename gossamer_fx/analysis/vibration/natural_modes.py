@@ -100,6 +100,9 @@ EQUAL_SQUARES = 1e-8
 # Ratio of the eigenvalues of a Gram matrix below which its vectors count as dependent.
 DEPENDENT = 1e-8
 
+# Pseudo-step [s] in which dampers do not resist.
+LONG_PSEUDO_STEP = 1e12
+
 LOG = logging.getLogger("gossamer_fx")
 
 # Relative difference of distances from `above`, up to which modes count as equally near to it: a
@@ -216,6 +219,9 @@ def modes(
         "give each body that turns a loads.Centrifugal of this spin, and find the equilibrium.",
     )
     system.equations.set_inertia(0.0)
+    if dissipates(system):
+        # Dampers resist in the last pseudo-step of the search, which has an end.
+        stand_still(system, LONG_PSEUDO_STEP)
     K = system.matrices.tangent()
     M = system.unknowns.M.copy()
     # Rows of fixed coordinates: 1 in K and 0 in M, so that their eigenvalues are infinite.
@@ -225,7 +231,7 @@ def modes(
     if not equilibrium.is_known_regular:
         away_from_zero = least
     ω = 2 * math.pi * above
-    stiffnesses = _gas_stiffnesses(system, is_turning=any(spin))
+    stiffnesses = gas_stiffnesses(system, is_turning=any(spin))
     if stiffnesses:
         # Without the gas K may be singular, so that (2) needs a shift that the gas does not hide.
         away_from_zero = max(away_from_zero, GAS_SHIFT_RATIO * _least_gas_square(M, stiffnesses))
@@ -252,6 +258,25 @@ def modes(
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
 
 
+def dissipates(system: System) -> bool:
+    """Whether anything in a scene is damped."""
+    return any(len(compiled.losses) > 0 for compiled in system.equations.compiled)
+
+
+def stand_still(system: System, duration: float) -> None:
+    """Let a system in equilibrium stand at the end of a pseudo-step [s] that goes nowhere, without
+    inertia: its tangent is K + C/duration, with the matrix C of what is damped.  Collective."""
+    time = system.unknowns.time
+    system.unknowns.time = time - duration
+    scalars = system.equations.begin_without_search(duration)
+    system.unknowns.time = time
+    system.equations.set_inertia(0.0)
+    system.equations.set_end(system.unknowns.q0)
+    residual = system.unknowns.numbering.vector()
+    system.equations.residual(scalars, residual)
+    residual.destroy()
+
+
 def round_off_square(K: PETSc.Mat, M: PETSc.Mat) -> float:
     """Square of an angular frequency that round-off explains [rad²/s²].  Collective."""
     return float(SHIFT_RATIO * K.norm() / M.norm())
@@ -262,7 +287,7 @@ def _distance(mode: Mode, ω: float) -> float:
     return math.hypot(mode.growth, 2 * math.pi * mode.frequency - ω)
 
 
-def _square(mode: Mode) -> float:
+def square_of(mode: Mode) -> float:
     """λ² [1/s²]: -ω² of a vibration, positive of a mode that grows."""
     return mode.growth**2 - (2 * math.pi * mode.frequency) ** 2
 
@@ -273,15 +298,15 @@ def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]
     their squares differ by up to `EQUAL_SQUARES` of them, or are near `least`.  Of several modes of
     one frequency the solver finds any independent combinations, whose effective masses do not add
     up.  Collective."""
-    ordered = sorted(found, key=_square)
+    ordered = sorted(found, key=square_of)
     groups: list[list[Mode]] = []
     for mode in ordered:
         zero = ZERO_FREQUENCY_FACTOR * least
         is_equal = False
         if groups:
-            before = _square(groups[-1][-1])
-            both_zero = max(abs(before), abs(_square(mode))) <= zero
-            difference = abs(_square(mode) - before)
+            before = square_of(groups[-1][-1])
+            both_zero = max(abs(before), abs(square_of(mode))) <= zero
+            difference = abs(square_of(mode) - before)
             is_equal = both_zero or difference <= EQUAL_SQUARES * abs(before)
         if is_equal:
             groups[-1].append(mode)
@@ -319,7 +344,7 @@ def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
     return [replace(mode, shape=shapes[:, k].astype(complex)) for k, mode in enumerate(group)]
 
 
-def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
+def gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
     """The stiffness κ g⊗g that the gas gives each closed film: the derivative g (n,) [m²] of its
     volume by this rank's coordinates, zero where these are fixed, and κ [Pa/m³]."""
     found = []
@@ -612,12 +637,12 @@ def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, l
     # Within round-off of zero there may be any number of modes, as of slack film or of a scene that
     # floats; of those only the modes above are counted that are nearer to ω.
     zero = ZERO_FREQUENCY_FACTOR * least
-    if abs(_square(ordered[count - 1])) <= zero:
+    if abs(square_of(ordered[count - 1])) <= zero:
         nearer = last * (1 - EQUAL_DISTANCES)
         highest = (ω + nearer) ** 2
         if highest <= zero:
             return 0
-        above_zero = [mode for mode in ordered if -_square(mode) > zero]
+        above_zero = [mode for mode in ordered if -square_of(mode) > zero]
         known = sum(_distance(mode, ω) < nearer for mode in above_zero)
         return max(spectrum.count(zero, highest) - known, 0)
     within = spectrum.count(*_squares_within(ω, last * (1 + EQUAL_DISTANCES)))

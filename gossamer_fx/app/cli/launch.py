@@ -40,8 +40,9 @@ REPETITIONS = (
     b"MPI_ABORT was invoked on rank",
     b'prterun has exited due to process rank N with PID N on node N calling "abort"',
 )
-# How lines begin by which a rank explains why it ends.
-EXPLANATIONS = (b"gossamer: ", b"Traceback (most recent call last)")
+# What is in the line by which a rank explains why it ends; a search for an equilibrium warns that it
+# "was stopped by SIGTERM".
+EXPLANATIONS = (b"gossamer: ", b"Traceback (most recent call last)", b" was stopped by ")
 # Messages of one line, which are written in one piece:
 # 1. of MPICH about MPI_Abort; it writes nothing about a code that is not zero;
 # 2. of PMIx, which starts Open MPI's ranks, where a rank that has ended cannot be told that others

@@ -71,6 +71,7 @@ __all__ = [
     "loaded_kernel",
     "submesh_of",
     "values_and_rows",
+    "with_points",
 ]
 
 # (major, minor) of dolfinx
@@ -165,6 +166,25 @@ def facets_of(curved: Mesh) -> Mesh:
     geometry = type(curved.geometry._cpp_object)(index_map, cells, element, points, original)
     compiled = type(curved._cpp_object)(curved.comm, curved.topology._cpp_object, geometry)
     domain = ufl.Mesh(basix.ufl.element("Lagrange", curved.basix_cell(), 1, shape=(3,)))
+    return Mesh(compiled, domain)
+
+
+def with_points(mesh: Mesh, points: npt.NDArray[Any]) -> Mesh:
+    """A mesh with the same cells, whose nodes, ghosts included, are at points (n, 3) [m].
+    Collective."""
+    old = mesh.geometry
+    element = coordinate_element(mesh.topology.cell_type, geometry_element(mesh).degree)
+    # The arguments are those of `facets_of`.
+    geometry = type(old._cpp_object)(
+        old.index_map(),
+        geometry_nodes(mesh),
+        element._cpp_object,
+        points,
+        old.input_global_indices,
+    )
+    compiled = type(mesh._cpp_object)(mesh.comm, mesh.topology._cpp_object, geometry)
+    degree = geometry_element(mesh).degree
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", mesh.basix_cell(), degree, shape=(3,)))
     return Mesh(compiled, domain)
 
 
