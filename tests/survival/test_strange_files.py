@@ -313,12 +313,35 @@ def test_a_geometry_of_many_solids_is_refused_before_it_is_read(tmp_path: Path) 
         gmsh.merge(str(path))
 
     before = time.monotonic()
-    with pytest.raises(gx.InputError, match="20000 solids with 120000 faces, which take gmsh"):
+    with pytest.raises(gx.InputError, match=r"20000 solids with 120000 faces, .* take gmsh about"):
         gx.gmsh_mesh(build, ALONE)
     assert time.monotonic() - before < 10.0
     check_geometry(path, 300.0, has_names=False)
     with pytest.raises(gx.InputError, match=r"about 2.4e.02 s, more than the 100 s"):
         check_geometry(path, 100.0, has_names=False)
+
+
+def test_triangles_without_neighbours_are_refused(tmp_path: Path) -> None:
+    """A damaged STL file; dolfinx took minutes for it."""
+    triangles = np.zeros(50_000, dtype=[("normal", "<f4", 3), ("X", "<f4", 9), ("rest", "<u2")])
+    triangles["X"] = np.random.default_rng(1).random((len(triangles), 9))
+    path = tmp_path / "a.stl"
+    path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + triangles.tobytes())
+
+    def build(model: Any) -> None:
+        import gmsh
+
+        gmsh.merge(str(path))
+
+    before = time.monotonic()
+    with pytest.raises(gx.InputError, match="falls into 50000 parts or more"):
+        gx.gmsh_mesh(build, ALONE)
+    assert time.monotonic() - before < 10.0
+    with pytest.raises(gx.InputError, match=r"2500084 bytes in all, .* about 2 s, more than the 1"):
+        check_geometry(path, 1.0)
+    path.write_text("solid a\n" + 60_000 * "outer loop\nsolid b\n")
+    with pytest.raises(gx.InputError, match="60000 solids with 60000 faces"):
+        check_geometry(path, 120.0)
 
 
 def test_gmsh_opens_regular_files_only(tmp_path: Path) -> None:

@@ -108,7 +108,9 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
     """Run a command in this process; returns its exit code, see `main`."""
     from gossamer_fx.core.checks.ctrl_c import STOPPED, raise_at_ctrl_c
     from gossamer_fx.core.checks.ending import abort_on_lone_error, lacks_room, no_room
+    from gossamer_fx.core.checks.memory_limit import speak_if_killed
 
+    speak_if_killed()
     try:
         from mpi4py import MPI
 

@@ -40,8 +40,8 @@ REPETITIONS = (
     b"MPI_ABORT was invoked on rank",
     b'prterun has exited due to process rank N with PID N on node N calling "abort"',
 )
-# What is in the line by which a rank explains why it ends; a search for an equilibrium warns that it
-# "was stopped by SIGTERM".
+# What is in the line by which a rank explains why it ends; a search for an equilibrium warns that
+# it "was stopped by SIGTERM".
 EXPLANATIONS = (b"gossamer: ", b"Traceback (most recent call last)", b" was stopped by ")
 # Messages of one line, which are written in one piece:
 # 1. of MPICH about MPI_Abort; it writes nothing about a code that is not zero;
@@ -360,6 +360,9 @@ def main(words: Sequence[str]) -> int:
         )
         return 2
     program = list(words[1:])
+    if program[0].endswith(".py") and not Path(program[0]).exists():
+        print(f"gossamer: there is no script '{program[0]}'; give its path.", file=sys.stderr)
+        return 2
     if program[0].endswith(".py"):
         program = [*BEHIND_THE_DOOR, *program]
     return launch(int(words[0]), program)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from gossamer_fx.core.checks.ctrl_c import is_first_rank, usual_ctrl_c
 from gossamer_fx.core.checks.door import import_from, is_refusal
+from gossamer_fx.core.checks.memory_limit import speak_if_killed
 
 # The words before the file.
 BEHIND_THE_DOOR = ("-P", "-m", "gossamer_fx.app.cli.script")
@@ -19,6 +20,7 @@ BEHIND_THE_DOOR = ("-P", "-m", "gossamer_fx.app.cli.script")
 
 if __name__ == "__main__":
     usual_ctrl_c()
+    speak_if_killed()
     program = Path(sys.argv[1])
     sys.argv = sys.argv[1:]
     if not program.is_dir():
