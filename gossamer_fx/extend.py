@@ -6,10 +6,11 @@ below the rooms of the package may move.  The orbit room is written against this
 public names only, as the proof that it suffices.
 
 Parts of a scene
-    what an item may do: `BringsTerms`, which yields each `Term`, `RefersToItems`,
-    `InitialCondition`, `BringsScalarUnknowns` with `ScalarUnknowns` and `ScalarTotals`
+    `Item`, the base of all that a scene is made of, which yields each `Term`; what else an item
+    may be: `Body`, `Group`, `InitialCondition`, `Sampled`, `BringsScalarUnknowns` with
+    `ScalarUnknowns` and `ScalarTotals`
     where bodies are: `State`, `InitialState`, `BodyState`
-    bodies, and what is attached to them: `Body`, `MeshBody`, `Block`, `Port`, `Ground`, `Attached`
+    bodies, and what is attached to them: `MeshBody`, `Block`, `Port`, `Ground`, `Attached`
 General kinds of terms
     on meshes, in UFL (`Expr`, `constant`): `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`,
     `ViscousDissipation`, `Load`
@@ -17,14 +18,14 @@ General kinds of terms
     function with a `Response` that is compiled with its derivatives; `PointLoad`,
     `AttachedKineticEnergy`
     fixed and prescribed coordinates: `Support`
-    what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
-    `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
+    the law of a `PointLoad`: `PointForce`; with gradients where it depends on the start of a step
+    `ForceOfStart`, and with restarts `HistoryVariables`
 Laws and obstacles
     `FilmLaw`, the base of laws of films, `IsotropicFilm` of those with two moduli; pieces of a path
     of strain are `Piece` with `within_cone`, and a plate needs the law's `BendingStiffness`
     `Obstacle`, that of what contact keeps films off: its parts are `ObstacleBoundary` and
-    `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or own ones (`BoundaryStencil`,
-    `PairStencil`), and its picture is a `DrawnSurface`
+    `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or own ones: `LawBoundary`, whose
+    distance is a plain function, `BoundaryStencil`, `PairStencil`; its picture is a `DrawnSurface`
     `line_derivative`, `area_vector` for measures in UFL
     what plain functions may use that are compiled: `at_most`, `root`, `positive_part`,
     `one_sided_average`, `Number`; `compile_law` compiles them for own kinds of terms, and

@@ -187,69 +187,64 @@ def model_text(values: Mapping[str, Any]) -> str:
     return f"{film} {cells}, h = {values['dt']:g} s{booms}"
 
 
-def table(results: Sequence[Result]) -> str:
-    """Each run next to the finest shell of this program, as a table of Markdown."""
+def figures(path: Path = STORED) -> list[Result]:
+    """What the pages say of the stored runs.
+
+    Returns:
+        for each run its displacements and its distances from the finest shell of this program
+        [mm], unknowns and CPU time [s]; for each pair of runs, named in `pairs`, their distances.
+    """
+    results = read_results(path, NAME)
     finest = tip(results, SELF, FINEST)
-    rows = [
-        (
-            "film",
-            "tip at 1 s, 2 s [mm]",
-            "from the finest shell at 1 s, 2 s; largest until 2 s [mm]",
-            "unknowns",
-            "CPU [s]",
-        )
-    ]
+    found = []
     for one in results:
         heights = np.array(one.numbers["tip"])
         first, last = 1e3 * heights[[round(1 / EVERY), -1]]
-        apart = "{:.1f}, {:.1f}; {:.1f}".format(*differences(heights, finest))
-        numbers = (f"{one.numbers['dofs']:g}", f"{one.numbers['cpu']:.0f}")
-        rows.append((model_text(one.values), f"{first:.1f}, {last:.1f}", apart, *numbers))
-    return markdown_table(rows)
+        numbers = {"tip at 1 s": first, "tip at 2 s": last, "unknowns": one.numbers["dofs"]}
+        numbers |= {"CPU": one.numbers["cpu"], **distances(heights, finest)}
+        found.append(Result({"run": model_text(one.values)}, numbers, one.seconds))
+    for words, (one, other) in pairs(results).items():
+        found.append(Result({"pair": words}, distances(one, other), 0.0))
+    return found
 
 
-def claims(results: Sequence[Result]) -> list[str]:
-    """What the page of verification says about the runs."""
+def distances(one: Array, other: Array) -> dict[str, float]:
+    """`differences` by name."""
+    names = ("distance at 1 s", "distance at 2 s", "largest distance")
+    return dict(zip(names, differences(one, other), strict=True))
+
+
+def pairs(results: Sequence[Result]) -> dict[str, tuple[Array, Array]]:
+    """Displacements of the tip in two runs that are compared, by what is compared."""
     shell = tip(results, SELF, SHELL)
     stiff = tip(results, SELF, STIFF)
     reference = tip(results, "ngsolve", REFERENCE)
     coarse = tip(results, SELF, {"cells": 3, "elements": 6, "dt": 0.01, "shell": True})
-    pairs = {
-        "3 × 3 cells": (coarse, tip(results, "ngsolve", COARSE)),
-        "6 × 6 cells": (shell, reference),
-        "6 × 6 cells, booms stiff in both": (stiff, reference),
-        "6 × 6 cells, strains sampled at other points": (shell, tip(results, "ngsolve", SAMPLED)),
+    wrinkled = {"cells": 6, "elements": 12, "dt": 0.01, "order": 2}
+    found = {
+        "both programs, 3 × 3 cells": (coarse, tip(results, "ngsolve", COARSE)),
+        "both programs, 6 × 6 cells": (shell, reference),
+        "both programs, stiff booms": (stiff, reference),
+        "both programs, other points": (shell, tip(results, "ngsolve", SAMPLED)),
+        "booms that bend": (shell, stiff),
+        "198 elements a boom": (shell, tip(results, SELF, FINE_BOOMS)),
+        "steps of 5 ms": (shell, tip(results, SELF, SHORTER_STEP)),
+        "a film that wrinkles": (shell, tip(results, SELF, wrinkled)),
     }
-    apart = []
-    for words, pair in pairs.items():
-        first, last, most = differences(*pair)
-        apart.append(f"{words}: {first:.2f} mm at 1 s, {last:.2f} mm at 2 s, {most:.2f} mm at most")
-    finest = tip(results, SELF, FINEST)
-    others = {
-        "booms that bend": stiff,
-        "198 elements a boom": tip(results, SELF, FINE_BOOMS),
-        "steps of 5 ms": tip(results, SELF, SHORTER_STEP),
-        "a film that wrinkles": tip(
-            results, SELF, {"cells": 6, "elements": 12, "dt": 0.01, "order": 2}
-        ),
-    }
-    changes = [f"{words} {differences(shell, other)[2]:.2f} mm" for words, other in others.items()]
-    refinements = []
     for coarser, finer in pairwise(SERIES):
-        first, last, _ = differences(tip(results, SELF, coarser), tip(results, SELF, finer))
-        refinements.append(
-            f"{coarser['cells']} to {finer['cells']} cells {first:.2f} and {last:.2f} mm"
-        )
-    exudyn = [
-        differences(tip(results, "exudyn", {"n": n, "elements": n, "dt": 0.005}), finest)[2]
-        for n in (3, 6)
+        words = f"{coarser['cells']} to {finer['cells']} cells"
+        found[words] = (tip(results, SELF, coarser), tip(results, SELF, finer))
+    return found
+
+
+def table(found: Sequence[Result]) -> str:
+    """What `figures` returns, as a table of Markdown."""
+    head = ["run or pair", *found[0].numbers]
+    rows = [
+        [*one.values.values(), *(f"{one.numbers.get(name, np.nan):.5g}" for name in head[1:])]
+        for one in found
     ]
-    return [
-        *apart,
-        *changes,
-        *refinements,
-        "{:.1f} and {:.1f} mm".format(*exudyn),
-    ]
+    return markdown_table([head, *rows])
 
 
 def main() -> None:
@@ -258,7 +253,7 @@ def main() -> None:
     if MPI.COMM_WORLD.rank == 0:
         results = all_results()
         draw(results, Path("out") / NAME / f"{NAME}.png")
-        print(table(results), *claims(results), sep="\n")
+        print(table(figures()))
 
 
 if __name__ == "__main__":

@@ -339,11 +339,11 @@ def page_part() -> str:
         if not points:
             continue
         count = max(point.numbers.get("runs", 1) for point in points)
-        runs = "one run" if count == 1 else f"median of {count:.0f} runs"
+        runs = "one run" if count == 1 else f"the median of {count:.0f} runs"
         picture = f"![{problem.measure} over CPU time](../demos/benchmarks/results/{name}.png)"
         parts += [
             f"## {problem.title}",
-            f"Answer: {problem.reference} Made by `./gossamer bench {name} --store`, {runs}.",
+            f"{problem.reference} Each point is {runs} of `./gossamer bench {name} --store`.",
             picture,
         ]
     return "\n" + "\n\n".join(parts) + "\n\n"

@@ -10,8 +10,7 @@ from gossamer_fx.build.fold.folding import Folded
 from gossamer_fx.extend import (
     FilmLaw,
     Folding,
-    State,
-    Term,
+    Group,
     Vector,
     check,
     check_arguments,
@@ -23,7 +22,7 @@ Opening = float | Callable[[float], float]
 
 
 @check_arguments
-class InflatableTube:
+class InflatableTube(Group):
     """A closed tube of film with gas in compartments: an assembly of film, chambers, passages and
     supports.
 
@@ -164,9 +163,6 @@ class InflatableTube:
         return gx.Orifice(
             first, second, area=area, discharge_coefficient=0.8, name=f"{self.name} {what}"
         )
-
-    def terms(self, start: State) -> Iterable[Term]:
-        return ()  # its parts have all of them
 
     def requires(self) -> Iterable[Any]:
         yield from (self.film, *self.chambers, *self.passages)

@@ -13,8 +13,7 @@ import gossamer_fx as gx
 from gossamer_fx.extend import (
     Array,
     Attached,
-    State,
-    Term,
+    Group,
     check,
     check_arguments,
     not_negative,
@@ -25,7 +24,7 @@ Vector = tuple[float, float, float]
 
 
 @check_arguments
-class LiddedBox:
+class LiddedBox(Group):
     """A box that is open at the top, +z, with a lid on a hinge, which a latch holds shut until it
     is released.
 
@@ -242,9 +241,6 @@ class LiddedBox:
             name=f"{self.name} cover",
         )
         return (*slabs, cover)
-
-    def terms(self, start: State) -> Iterable[Term]:
-        return ()  # its parts have all of them
 
     def requires(self) -> Iterable[Any]:
         yield from (self.lid, self.hinge, self.spring, self.latch)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
 import gossamer_fx as gx
-from gossamer_fx.extend import Range, State, Term, check, check_arguments, positive
+from gossamer_fx.extend import Group, Range, check, check_arguments, positive
 
 # Stiffness [N/m] of the tether of the reel.
 REEL = 1e4
@@ -22,7 +22,7 @@ SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 
 
 @check_arguments
-class RotationGuides:
+class RotationGuides(Group):
     """Upright rods on a ring that turns about the z axis of a hub against a brake.
 
     Each arm of a sail is wound on the hub up to its rod, and stands out from there.  Its pull turns
@@ -135,9 +135,6 @@ class RotationGuides:
             )
             for k, (x, y) in enumerate(self.rod_positions)
         )
-
-    def terms(self, start: State) -> Iterable[Term]:
-        return ()  # its parts have all of them
 
     def requires(self) -> Iterable[Any]:
         yield from (self.hub, self.ring, self.joint, self.brake, *self.reel)

@@ -48,7 +48,7 @@ from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.validation.engine.case import Measured, Test, read_case
 from demos.validation.models import braided_tube
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
-from gossamer_fx.extend import Array
+from gossamer_fx.extend import Array, Objective
 from gossamer_fx.solve.system.system import System
 
 CASES = Path(__file__).parents[1] / "validation" / "cases"
@@ -66,7 +66,7 @@ LOAD_ERROR = 0.01
 STRETCH_STEP = 1e-5
 
 
-class Load:
+class Load(Objective):
     """The total load [N] of a bending test as a result with derivatives: the multiplier of its
     constraint."""
 

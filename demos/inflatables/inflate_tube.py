@@ -42,6 +42,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
+from gossamer_fx.extend import Output
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.records.outputs.output import Schedule
@@ -64,11 +65,10 @@ def valve_area(t: float) -> float:
     return math.pi * bore**2 / 4
 
 
-class Table:
+class Table(Output):
     """Rows for people: the state of the run at a few instants."""
 
     def __init__(self, film: gx.Membrane, times: Sequence[float]) -> None:
-        self.times = times
         self._schedule = Schedule(times=tuple(times))
         self._columns: dict[str, Callable[[gx.Simulation], str]] = {
             "t [ms]": lambda run: f"{1e3 * run.time:.4g}",
@@ -85,6 +85,10 @@ class Table:
         self.rows = [tuple(self._columns)]
         # Steps and iterations until the last row.
         self._seen = (0, 0)
+
+    @property
+    def times(self) -> Sequence[float]:
+        return self._schedule.times
 
     def _iterations_a_step(self, run: gx.Simulation) -> float:
         """Since the last row."""

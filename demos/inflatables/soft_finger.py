@@ -34,7 +34,6 @@ Where the values come from:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +43,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, draw_film, finish, new_figure, save, triangles
-from gossamer_fx.extend import Array
+from gossamer_fx.extend import Array, Output
 from gossamer_fx.meshes.tube_section import capped_cylinder
 from gossamer_fx.presets.gases import AIR
 
@@ -102,18 +101,13 @@ class Finger:
         return 2 * math.atan2(-y, x)
 
 
-class Controller:
+class Controller(Output):
     """Valves of the first tube, which follow the measured angle; as an output it reads the run."""
-
-    times: Sequence[float] = ()
 
     def __init__(self, finger: Finger) -> None:
         self._finger = finger
         self.error = 0.0  # rad
         self.angles: list[float] = []
-
-    def open(self, run: Any) -> None:
-        """Nothing to prepare."""
 
     def record(self, run: Any, last: bool) -> None:
         """Measure the angle after a step; the areas of the valves are constant within the next
@@ -121,9 +115,6 @@ class Controller:
         angle = self._finger.angle(run)
         self.angles.append(angle)
         self.error = TARGET - angle
-
-    def close(self, run: Any) -> None:
-        """Nothing to finish."""
 
     def inlet_area(self, t: float) -> float:
         """Area [m²] of the valve to the supply."""

@@ -38,7 +38,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, RED, finish, new_figure, save
-from gossamer_fx.extend import Array, Load, State, Term, area_vector, constant
+from gossamer_fx.extend import Array, Item, Load, State, Term, area_vector, constant
 from gossamer_fx.meshes.tube_section import cylinder
 
 # The hoop strain is p R/(E t) = 1.6e-3.
@@ -49,7 +49,7 @@ WAVES = (2, 3, 4, 5)
 
 
 @dataclass(frozen=True, eq=False)
-class DeadPressure:
+class DeadPressure(Item):
     """A pressure [Pa] along the normals of the mesh: it keeps size and direction as the film
     moves."""
 

@@ -7,14 +7,18 @@ any of them, and depends on none of the codes that make them.
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.solve.scene.scene import Scene
+from gossamer_fx.solve.steppers.history import History
+from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 
@@ -145,8 +149,7 @@ def chamber_state(system: System, name: str) -> Any:
     return chambers[name]
 
 
-@runtime_checkable
-class StateView(Protocol):
+class StateView(HasSystem, ABC):
     """A state of a scene.  All members are the same on every rank, and may be collective.
 
     Attributes:
@@ -164,27 +167,85 @@ class StateView(Protocol):
     step: int
 
     @property
+    @abstractmethod
     def time(self) -> float:
         """Time of the state [s], or load parameter in the unit of the axis."""
 
     @property
+    @abstractmethod
     def totals(self) -> Totals:
         """Energies [J], momenta and masses [kg] of the state."""
 
     @property
+    @abstractmethod
     def account(self) -> Account:
         """How the state was made."""
 
     @property
+    @abstractmethod
     def chambers(self) -> Mapping[str, Any]:
         """State of the gas in each chamber and tank by name, see `gas.contract.ChamberState`."""
 
+    @abstractmethod
     def chamber(self, name: str) -> Any:
         """State of the gas in one chamber, see `gas.contract.ChamberState`.
 
         Raises:
             InputError: the scene has no chamber of this name.
         """
+
+
+class SteppedRun(StateView):
+    """A view that goes on by time steps, and that checkpoints save and restore: a `Simulation`.
+
+    Attributes:
+        stepper: the time stepping rule that was given.
+        history: coordinates, velocities and history variables of the scene.
+        outputs: those of the run, whose positions in their files are saved with it.
+        recorded: whether the outputs have recorded the present state.
+        cursors: positions of the outputs, each by its kind, before the present state, for the case
+            that they have not.
+    """
+
+    stepper: Stepper
+    history: History
+    outputs: list[Any]
+    recorded: bool
+    cursors: list[tuple[str, dict[str, Any]]]
+
+    @abstractmethod
+    def log(self, words: str) -> None:
+        """Pass a line to the listeners of the log."""
+
+    @abstractmethod
+    def get_history(self) -> dict[str, Any]:
+        """Its state beyond the history of the scene, for JSON; the same on every rank."""
+
+    @abstractmethod
+    def set_history(self, state: dict[str, Any]) -> None:
+        """Restore what `get_history` returned, after the history of the scene."""
+
+
+class Sought(StateView):
+    """A view whose state is searched for at a value of its load parameter: an `Equilibrium`."""
+
+    @abstractmethod
+    def find(self, at: float) -> Any:
+        """Search for the state at a load parameter."""
+
+    @abstractmethod
+    def need(self, what: str) -> None:
+        """Raise `InputError` unless a state was found; `what` names the caller."""
+
+    @property
+    @abstractmethod
+    def is_known_regular(self) -> bool:
+        """Whether the tangent in the present state was found to be regular."""
+
+    @property
+    @abstractmethod
+    def free_words(self) -> str:
+        """Why the tangent may be singular, as a clause, e.g. which motions nothing resists."""
 
 
 class ForSystem[T]:

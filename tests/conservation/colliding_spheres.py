@@ -14,6 +14,7 @@ from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, PointM
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
+from gossamer_fx.extend import Item
 from gossamer_fx.mechanics.connectors.spring import half_distance_squared, stop
 from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
@@ -112,7 +113,7 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
 
 
 @dataclass(frozen=True, eq=False)
-class CollidingSpheres:
+class CollidingSpheres(Item):
     """Spheres of one radius [m] about points, pushed apart by k (2r - l); `foresight` 0 finds pairs
     too late."""
 

@@ -18,7 +18,7 @@ from demos.studies.crease import folded
 from demos.studies.thrown_crease import thrown
 from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.analysis.sensitivity.variables import AdjointFields, Variable, find_variables
-from gossamer_fx.extend import PointLoad
+from gossamer_fx.extend import ForceOfStart, Item, PointForce, PointLoad
 from meshes.creased_strip import creased_strip
 from meshes.line import line
 from meshes.sheet import sheet
@@ -763,7 +763,7 @@ def test_a_tape_is_of_conserving_steps(comm):
         gx.analysis.RunTape(dissipating)
 
 
-class Resistance:
+class Resistance(PointForce):
     """A force -c V against the velocity V at the start of a step, which knows no derivatives."""
 
     def begin(self, t: float, lag: float, X: np.ndarray, V: np.ndarray) -> None:
@@ -776,7 +776,7 @@ class Resistance:
         return np.zeros((3, 3))
 
 
-class DerivedResistance(Resistance):
+class DerivedResistance(Resistance, ForceOfStart):
     """The same force with its derivative by the start; the reversed step keeps it."""
 
     def begin(self, t: float, lag: float, X: np.ndarray, V: np.ndarray) -> None:
@@ -794,7 +794,7 @@ class DerivedResistance(Resistance):
 
 
 @dataclass(frozen=True, eq=False)
-class Brake:
+class Brake(Item):
     """An own load on a mass, by a law."""
 
     mass: gx.PointMass

@@ -12,13 +12,13 @@ from gossamer_fx.app.cli.demo import demos_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
-PAGES += ("verification",)
+PAGES += ("verification", "choose", "damping", "statics", "step_size")
 # Parts that other commands make from result files, which have their own tests.
 MADE_ELSEWHERE = re.compile(
     r"<!-- (measured|benchmark|spread)( \w+)? -->.*?<!-- /\1 -->", re.DOTALL
 )
-# Tables of other things: the form and the inputs of case files.
-NOT_EVIDENCE = {"measured": 2}
+# Tables of other things: the form and the inputs of case files, calls, laws and their choice.
+NOT_EVIDENCE = {"measured": 3, "choose": 1, "damping": 2, "statics": 3}
 
 
 @pytest.fixture
@@ -72,3 +72,61 @@ def test_a_figure_has_a_command_that_exists_a_day_and_a_commit(evidence, page: s
             elif command in ("run", "test"):
                 named = [word for word in row.command.split() if "/" in word and word[0] != "."]
                 assert named and (ROOT / named[0]).exists(), row.command
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_cell_holds_one_value_and_its_unit_is_said(evidence, page: str) -> None:
+    remarks = [one for table in evidence.tables(page).values() for one in table.remarks()]
+    assert not remarks, "\n".join(remarks)
+
+
+@pytest.mark.parametrize(
+    "head, cell",
+    [
+        ("rings [ms]", "4.45, 5.90"),
+        ("tips apart [m]", "0.709; 0.700"),
+        ("time [s]", "0.25 s"),
+        ("lost energy [J]", "0.164 of 0.2"),
+        ("opens after", "162"),
+        ("ratio", "energy; gas"),
+        ("errors", "0.08 mm at 1 s, 0.49 mm at 2 s"),
+    ],
+)
+def test_a_cell_with_more_than_a_value_is_named(evidence, head: str, cell: str) -> None:
+    entry = {"name": "one", "columns": ["run", head], "rows": [{"cells": ["a", cell]}]}
+    [remark] = evidence.read_table(entry).remarks()
+    assert repr(cell) in remark
+
+
+@pytest.mark.parametrize(
+    "head, cell",
+    [
+        ("rings [ms]", "4.45"),
+        ("angle [°]", "45 to 47"),
+        ("cells [1]", "3 × 3"),
+        ("radius [m]", "0.4188 ± 0.0002"),
+        ("error [%]", "within 0.5"),
+        ("error [1]", "3e-14"),
+        ("opens after [ms]", "never"),
+        ("run", "tube with flat ends, damped"),
+        ("run", "`sprout.py length=0.6, rows=1`"),
+    ],
+)
+def test_one_value_is_one_value(evidence, head: str, cell: str) -> None:
+    entry = {"name": "one", "columns": ["run", head], "rows": [{"cells": ["a", cell]}]}
+    assert not list(evidence.read_table(entry).remarks())
+
+
+def test_a_figure_is_that_of_the_stored_result(evidence) -> None:
+    column = {"head": "energy lost [mJ]", "quantity": "lost [J]", "format": ".1f", "factor": 1e3}
+    entry = {"name": "one", "columns": ["run", column], "stored": "study:disc"}
+    row = {"cells": ["finer"], "case": {"cells": 2}}
+    [[_, lost]] = [row.cells for row in evidence.read_table(entry | {"rows": [row]}).rows]
+    stored = evidence.read_results(evidence.stored_file("disc", quick=False), "disc")
+    [exact] = [one.numbers["lost [J]"] for one in stored if one.values["cells"] == 2]
+    assert float(lost) == pytest.approx(1e3 * exact, abs=0.06)
+    # A case that is stored twice, one that is not, and a quantity that is not.
+    for case, quantity in (({}, "lost [J]"), ({"cells": 3}, "lost [J]"), ({"cells": 2}, "loss")):
+        wrong = entry | {"columns": ["run", column | {"quantity": quantity}]}
+        with pytest.raises(ValueError, match="stored"):
+            evidence.read_table(wrong | {"rows": [{"cells": ["a"], "case": case}]})

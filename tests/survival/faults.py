@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.checks import ending, errors
+from gossamer_fx.extend import Output
 from tests.survival.scenes import DT, fluttering_sheet
 from tests.survival.small_disk import NOT_ALLOWED, made_read_only
 
@@ -21,7 +22,7 @@ COMM = MPI.COMM_WORLD
 NEVER_SENT = 4711  # tag of a message
 
 
-class Trouble:
+class Trouble(Output):
     """An output that makes trouble after a step."""
 
     times = ()

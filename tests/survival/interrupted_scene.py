@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.forms.compilation import kernel_options
+from gossamer_fx.extend import Output
 from gossamer_fx.meshes.sheet import sheet
 
 TALK = MPI.COMM_WORLD.Dup()
@@ -53,7 +54,7 @@ def interrupt_compilation() -> None:
     interrupt("compilation")
 
 
-class Interrupting:
+class Interrupting(Output):
     """An output that is interrupted while it writes, and while it closes its file."""
 
     times = ()

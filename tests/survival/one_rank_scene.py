@@ -10,6 +10,7 @@ import time
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.extend import Output
 from gossamer_fx.meshes.sheet import sheet
 
 # Of the environment, as the file itself may be one.
@@ -34,20 +35,12 @@ def end(place: str) -> None:
         time.sleep(0.01)
 
 
-class Output:
+class Watcher(Output):
     """An output of the user."""
-
-    times = ()
-
-    def open(self, run: gx.Simulation) -> None:
-        pass
 
     def record(self, run: gx.Simulation, last: bool) -> None:
         if run.step == 3:
             end("output")
-
-    def close(self, run: gx.Simulation) -> None:
-        pass
 
 
 end("file")
@@ -73,5 +66,5 @@ def build(comm: MPI.Intracomm) -> gx.Case:
         gx.Midpoint(dt=DT),
         until=6 * DT,
         probes={"a": probe},
-        outputs=[Output()],
+        outputs=[Watcher()],
     )

@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.extend import Output
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
@@ -18,7 +19,7 @@ GAS = gx.IdealGas(gamma=1.4, R=296.8)
 DT = 1e-3
 
 
-class Watch:
+class Watch(Output):
     """An output that looks at each step of a run."""
 
     times = ()

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
+from gossamer_fx.extend import Output
 from gossamer_fx.solve.steppers.step_control import LocalError
 from tests.survival.scenes import Watch, filled_tube, fluttering_sheet, turning_beam
 
@@ -28,7 +29,7 @@ def oscillator() -> tuple[gx.Scene, gx.PointMass]:
     ), mass
 
 
-class Steps:
+class Steps(Output):
     """An output that notes the steps."""
 
     times = ()

@@ -21,7 +21,10 @@ from gossamer_fx.extend import (
     ObstacleBoundary,
     ObstacleSolid,
     Opening,
+    Output,
     StateView,
+    Stepper,
+    StepSolver,
     System,
     check,
 )
@@ -29,7 +32,7 @@ from gossamer_fx.meshes.sheet import sheet
 
 
 @dataclass(frozen=True)
-class BackwardEuler:
+class BackwardEuler(Stepper):
     """An own integrator: v1 = v0 + h a1, q1 = q0 + h v1, of first order and dissipative."""
 
     dt: float
@@ -39,22 +42,15 @@ class BackwardEuler:
         return BackwardEulerSolver(system)
 
 
-class BackwardEulerSolver:
+class BackwardEulerSolver(StepSolver):
     # The next term of q1 is that of h² a/2: a step control has no constant for the first order.
     error_constant = 0.5
 
     def __init__(self, system: System) -> None:
         self.newton = Newton(system, gx.Tolerances())
-        self.vectors: dict[str, PETSc.Vec] = {}
         self._system = system
         self._increment = system.unknowns.numbering.vector()
         self._v1 = system.unknowns.numbering.vector()
-
-    def get_history(self) -> dict[str, Any]:
-        return {}
-
-    def set_history(self, state: dict[str, Any]) -> None:
-        pass
 
     def step(self, h: float) -> int:
         system = self._system
@@ -91,7 +87,7 @@ def test_an_own_integrator(comm) -> None:
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.05)
 
 
-class Largest:
+class Largest(Output):
     """An own output: the largest value of a probe."""
 
     def __init__(self, probe: Any) -> None:

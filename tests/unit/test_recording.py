@@ -15,6 +15,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.extend import Output
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
@@ -375,7 +376,7 @@ def test_a_single_output_is_not_mixed_into_a_recorded_run(folder: Path, name: st
     gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[gx.Ledger(folder / "run" / "mine.csv")])
 
 
-class StatusWatch:
+class StatusWatch(Output):
     """Notes the status in the run.json of a folder, as a reader of a run that goes on sees it."""
 
     times = ()

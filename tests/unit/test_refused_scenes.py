@@ -193,7 +193,7 @@ STATES: list[Case] = [
 SCENES: list[Case] = [
     (lambda: gx.Scene(), "empty"),
     (lambda: gx.Scene(LINEAR), "Linear"),
-    (lambda: gx.Scene(film(), SimpleNamespace(name="idle")), "is not a scene item"),
+    (lambda: gx.Scene(film(), SimpleNamespace(name="idle")), "gossamer_fx.extend.Item"),
     (lambda: gx.Scene(film(), gx.At(1.0, stop=True)), "an event to a Simulation"),
     (lambda: gx.Scene(film(), film()), "'film'"),
     (lambda: run(film(), until=np.nan), "until"),

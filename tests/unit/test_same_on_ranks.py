@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.checks.same_on_ranks import refuse_differences
+from gossamer_fx.extend import Output
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import LINEAR
 
@@ -73,7 +74,7 @@ def test_an_argument_that_differs_is_named(comm: MPI.Intracomm, words: str) -> N
     assert words in str(refused.value)
 
 
-class Printer:
+class Printer(Output):
     """An own output, which only rank 0 has."""
 
     times = ()

@@ -92,8 +92,8 @@ def marks_by_family(cases: Iterable[tuple[Case, list[Result]]]) -> dict[str, lis
 
 
 COUNT_HEAD = [
-    "experiments, by quantity",
-    "compared",
+    "kind of quantity",
+    "compared with experiments",
     "as near as asked",
     "median error [%]",
     "90th percentile [%]",
@@ -153,10 +153,12 @@ def accuracy_words(cases: Sequence[tuple[Case, list[Result]]]) -> str:
     )
     return (
         f"{markdown_table(count_rows(cases))}\n"
-        f"The worst miss is {error}, {worst.case}: {worst.comparison.measured.quantity}.\n"
-        f"Not experiments, and counted apart: {' and '.join(others)} are as near as asked.\n"
-        f"Not counted: {left_out} quantities that were calibrated on what they are compared with, "
-        "or need no solver."
+        f"The worst miss is {error}: the quantity *{worst.comparison.measured.quantity}* of the "
+        f"case `{worst.case}`.\n"
+        "Comparisons that are not with experiments are counted apart: "
+        f"{' and '.join(others)} are as near as asked.\n"
+        f"{left_out} quantities are not counted, as they were calibrated on what they are compared "
+        "with, or need no solver."
     )
 
 

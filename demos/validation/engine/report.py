@@ -40,11 +40,11 @@ SUMMARY_HEAD = [
     "case",
     "quantity",
     "tests",
-    "least error",
-    "largest error",
-    "asked",
-    "within",
-    "peer's error",
+    "least error [%]",
+    "largest error [%]",
+    "asked [%]",
+    "tests within",
+    "peer's error [%]",
 ]
 # Words of tables for the kinds of evidence, in their order.
 COMPARED_WITH = {"experiment": "experiment", "theory": "theory", "program": "other program"}
@@ -101,17 +101,25 @@ def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
         ordered = sorted(group, key=lambda one: abs(one.error))
         worst = _cells(ordered[-1], quick=False)[3]
         within = sum(one.is_accepted() and not one.measured.not_converged for one in group)
+        percentages = [
+            _cells(ordered[0], quick=False)[3],
+            worst or "failed",
+            limit,
+            peer_errors(group),
+        ]
+        # The headings have the unit.
+        least, largest, limit, peers = (text.replace(" %", "") for text in percentages)
         yield [
             words,
             family,
             case_name,
             quantity,
             str(len(group)),
-            _cells(ordered[0], quick=False)[3],
-            worst or "failed",
+            least,
+            largest,
             limit,
-            f"{within}/{len(group)}" if limit else "",
-            peer_errors(group),
+            str(within) if limit else "",
+            peers,
         ]
 
 

@@ -45,7 +45,7 @@ from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from demos.validation.models.braided_tube import Tube, cords_of, held_component
-from gossamer_fx.extend import PointLoad, Port, State, Term, check, combine
+from gossamer_fx.extend import Item, PointForce, PointLoad, Port, State, Term, check, combine
 
 # Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
 # "cells_around" are given.
@@ -292,10 +292,10 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
 # ---- items of the scene --------------------------------------------------------------------------
 
 
-class Cable:
+class Cable(PointForce):
     """A cable from a point of the torus over a fixed pulley to an end that is drawn in by t [m].
 
-    It plays `terms.loads.PointForce`.  With the length ℓ from the point X to the pulley, and
+    With the length ℓ from the point X to the pulley, and
     n the direction there, the force on the point is F = T n,
 
         T = T_0 + k (t + ℓ - ℓ_0),    dF/dX = -T/ℓ (1 - n nᵀ) - k n nᵀ                           (3)
@@ -349,7 +349,7 @@ class Cable:
         return derivative
 
 
-class Cables:
+class Cables(Item):
     """All cables as loads; the time is the shortening [m]."""
 
     def __init__(self, cables: list[Cable]) -> None:
@@ -370,7 +370,7 @@ class Cables:
             )
 
 
-class Supports:
+class Supports(Item):
     """Sections whose mean height is fixed."""
 
     def __init__(self, sections: list[Port]) -> None:

@@ -36,6 +36,7 @@ from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.extend import (
+    Item,
     PointConstraint,
     PointMeasure,
     Port,
@@ -359,7 +360,7 @@ def wall_triangles(rings: Array) -> Array:
 # ---- items of the scene --------------------------------------------------------------------------
 
 
-class End:
+class End(Item):
     """The rigid end of the half tube and its lever, which move in the plane y = 0.
 
     With the centre x_c of the end and the unit vector d that points up from it, every node of the
@@ -420,7 +421,7 @@ def held_component(
     return PointConstraint(name, measure, closing=closing)
 
 
-class Lowered:
+class Lowered(Item):
     """A weighted mean of nodes that is lowered by t [m] at the time t; its reaction is the load.
 
     The force of the constraint is spread over the nodes by their weights.

@@ -47,6 +47,7 @@ from demos.studies.bent_tube import wrinkled_angle
 from demos.validation.engine.case import Array, Inputs, read_case
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.extend import (
+    Item,
     PointMeasure,
     Response,
     Rows,
@@ -319,7 +320,7 @@ def pulley(e0: Any, e1: Any, z0: Any, h: Any, numbers: Any) -> Response:
 
 
 @dataclass(frozen=True, eq=False)
-class PulleyLine:
+class PulleyLine(Item):
     """A line from `ports[0]` over a pulley without friction at `ports[1]` to `ports[2]`."""
 
     ports: tuple[Any, Any, Any]

@@ -20,13 +20,13 @@ from typing import Any, Protocol
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
 from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.probes.objective import Objective
 
 LOGGER = logging.getLogger("gossamer_fx")
 

@@ -37,12 +37,12 @@ from gossamer_fx.analysis.design.design_problem import (
     EquilibriumSource,
     RunSource,
 )
-from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.probes.objective import Objective
 
 
 @check_arguments

@@ -59,12 +59,22 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.output import Every, Schedule, Times
+from gossamer_fx.records.outputs.output import Every, Output, Schedule, Times
 from gossamer_fx.solve.view import StateView
 
 
+class Shapes:
+    """Shapes of a film, from which a reduced model of it is made.
+
+    Attributes:
+        positions: arrays (n, 3) [m] of this rank's nodes, one for each shape.
+    """
+
+    positions: Sequence[Array]
+
+
 @check_arguments
-class Snapshots:
+class Snapshots(Output, Shapes):
     """Output that keeps positions of a film's nodes in memory; each rank keeps those of the nodes
     that it owns.
 

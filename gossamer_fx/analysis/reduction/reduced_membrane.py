@@ -8,7 +8,7 @@ strains are integrated (`sampling`); 4. make the body.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from dolfinx.common import IndexMap
 
-from gossamer_fx.analysis.reduction.basis import Basis, make_basis
+from gossamer_fx.analysis.reduction.basis import Basis, Shapes, make_basis
 from gossamer_fx.analysis.reduction.bending import BendingOfModes, ModalBending, bending_of_modes
 from gossamer_fx.analysis.reduction.reduced_energies import (
     ReducedCoordinates,
@@ -284,18 +284,10 @@ def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Arr
     return values
 
 
-@runtime_checkable
-class Motion(Protocol):
-    """Recorded shapes of a film, e.g. `Snapshots`: positions (n, 3) [m] of this rank's nodes, one
-    array for each shape."""
-
-    positions: Sequence[Array]
-
-
 @check_arguments
 def reduce(
     body: Membrane,
-    motions: Sequence[Motion],
+    motions: Sequence[Shapes],
     *,
     modes: Annotated[int, Range(1)],
     cells: Annotated[int, Range(1)] | None = None,
@@ -310,7 +302,7 @@ def reduce(
     Args:
         body: the film, or a plate on a flat mesh, whose bending is not sampled; it may not have
             creases or contact.
-        motions: `Snapshots` of runs, `ModeShapes`, or objects with such `positions`.
+        motions: `Snapshots` of runs, `ModeShapes`, or own `Shapes`.
         modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
         cells: largest number of cells of each rank over which strains are integrated, see
             `reduction.sampling`; None for all cells.  Loads on faces act on these cells, with their

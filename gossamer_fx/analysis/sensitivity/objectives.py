@@ -1,14 +1,10 @@
-"""Results that have derivatives: what a gradient is taken of.
-
-An objective is a probe, a function of a run that returns a number, which also knows its derivatives
-with respect to coordinates and velocities.  `probes.Position` and its relatives are objectives,
-too.
-"""
+"""Results with derivatives of films, gas and whole runs; the positions of points are in
+`records.probes`, and what an objective is `records.probes.objective` says."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -22,43 +18,13 @@ from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import chamber_states
 
 if TYPE_CHECKING:
     # A scene without gas does not load it.
     from gossamer_fx.mechanics.gas.volumes import Chamber
-
-
-@runtime_checkable
-class Objective(Protocol):
-    """A result with derivatives, in the SI unit `unit`.  All methods are collective."""
-
-    unit: str
-
-    def __call__(self, run: Any) -> float:
-        """The result in the present state, the same on every rank."""
-
-    def add_derivative(
-        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
-    ) -> None:
-        """Add ∂J/∂q and ∂J/∂v of the present state to vectors of the system."""
-
-
-@runtime_checkable
-class FormObjective(Protocol):
-    """An objective that depends on parameters also directly, by forms."""
-
-    def forms(self, system: System) -> list[ufl.Form]:
-        """Forms whose sum, at `coordinates[body].q1`, is the part of the result with parameters."""
-
-
-@runtime_checkable
-class ScalarObjective(Protocol):
-    """An objective that depends on scalar unknowns, e.g. on the pressure of gas."""
-
-    def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
-        """Add ∂J/∂y of the present state, y the scalar unknowns of the system in their order."""
 
 
 def add_gas_pressures(
@@ -70,7 +36,7 @@ def add_gas_pressures(
     """Add Σ -κ ∂J/∂p g to the derivative of a result J by the coordinates, over the closed films
     whose volume has the derivative g (n,) [m²] and whose gas the stiffness κ [Pa/m³]: pressures in
     tanks do not depend on coordinates."""
-    if not (gas and isinstance(objective, ScalarObjective)):
+    if not gas:
         return
     by_scalars = np.zeros(system.matrices.scalar_count)
     objective.add_scalar_derivative(system, by_scalars)
@@ -81,7 +47,7 @@ def add_gas_pressures(
 
 
 @check_arguments
-class Integral:
+class Integral(Objective):
     """An integral over a body, e.g. a measure of wrinkling or the difference from a wanted shape.
 
     Args:
@@ -204,7 +170,7 @@ class Rate:
 
 
 @check_arguments
-class Energy:
+class Energy(Objective):
     """Energy [J] of a scene: stored, kinetic, and the internal energy of gas; of an equilibrium the
     stored one.
 
@@ -257,7 +223,7 @@ class Energy:
 
 
 @check_arguments
-class CrossingTime:
+class CrossingTime(Objective):
     """Time [s] at which another result of a run first passes a value, e.g. at which a tube is open.
 
     Between two steps the result counts as linear, so that the time has an error of second order in
@@ -323,7 +289,7 @@ class CrossingTime:
 
 
 @check_arguments
-class Functional:
+class Functional(Objective):
     """A result given by two functions: its value and its derivative with respect to all
     coordinates.
 
@@ -377,7 +343,7 @@ class Functional:
                 values[owned] += given
 
 
-class SceneView:
+class SceneView(HasSystem):
     """A compiled scene as a run, for objectives and functions of the user."""
 
     def __init__(self, system: System) -> None:
@@ -385,7 +351,7 @@ class SceneView:
 
 
 @check_arguments
-class ChamberPressure:
+class ChamberPressure(Objective):
     """Pressure [Pa] of the gas in a chamber or tank.
 
     Args:

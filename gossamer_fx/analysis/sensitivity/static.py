@@ -14,18 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.analysis.sensitivity.objectives import (
-    Energy,
-    FormObjective,
-    Objective,
-    add_gas_pressures,
-)
+from gossamer_fx.analysis.sensitivity.objectives import Energy, add_gas_pressures
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.static_solver import StaticSolver
 from gossamer_fx.analysis.sensitivity.variables import (
@@ -39,37 +33,18 @@ from gossamer_fx.analysis.sensitivity.variables import (
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.records.probes.points import AXES, Position
-from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import Sought
 
 # Work of a change of a parameter on a free motion, over that of its parts with random signs, up to
 # which it is round-off.
 UNBALANCED = 1e-6
 
 
-@runtime_checkable
-class SolvedEquilibrium(Protocol):
-    """An `analysis.Equilibrium`, as far as gradients need it."""
-
-    @property
-    def system(self) -> System:
-        """The compiled scene in the equilibrium."""
-
-    @property
-    def is_known_regular(self) -> bool:
-        """Whether the tangent in the present state was found to be regular."""
-
-    @property
-    def free_words(self) -> str:
-        """Why the tangent may be singular, as a clause, e.g. which motions nothing resists."""
-
-    def need(self, what: str) -> None:
-        """Raise `InputError` unless an equilibrium was found."""
-
-
 @check_arguments
 def point_stiffness(
-    equilibrium: SolvedEquilibrium, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
+    equilibrium: Sought, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
 ) -> float:
     """Stiffness dF/du [N/m] of a point about an equilibrium, by its tangent.  Collective.
 
@@ -121,7 +96,7 @@ def point_stiffness(
 class StaticAdjoint:
     """Solves (1) at one equilibrium, which may be found again in between."""
 
-    def __init__(self, equilibrium: SolvedEquilibrium, what: str) -> None:
+    def __init__(self, equilibrium: Sought, what: str) -> None:
         """`what` is the public function that needs it, for messages."""
         for scalars in equilibrium.system.equations.scalar_unknowns:
             check(
@@ -171,7 +146,7 @@ class StaticAdjoint:
 class StaticGradients(StaticAdjoint):
     """Gradients of results of one equilibrium, by the same variables."""
 
-    def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
+    def __init__(self, equilibrium: Sought, by: Sequence[str]) -> None:
         super().__init__(equilibrium, "gradient")
         system = self._system
         check(
@@ -259,7 +234,7 @@ class StaticGradients(StaticAdjoint):
         known = self._explicit.get(id(objective))
         if known is not None:
             return known
-        forms = objective.forms(self._system) if isinstance(objective, FormObjective) else []
+        forms = objective.forms(self._system)
         found: list[list[FormDerivative]] = []
         for variable in self.variables:
             derivatives = []

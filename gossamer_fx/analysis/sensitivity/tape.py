@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -26,32 +26,14 @@ from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check, check_on_all
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
+from gossamer_fx.records.run.simulation import Simulation
 from gossamer_fx.solve.steppers.midpoint import Midpoint
-from gossamer_fx.solve.steppers.stepping import StepSolver
-from gossamer_fx.solve.system.system import System
 
 # Memory [bytes] that a tape may take on a rank, unless the user says otherwise.
 DEFAULT_MEMORY = 4e9
 
 # States for which every tape needs room: both ends of the run, and both ends of a step.
 FEWEST_STATES = 4
-
-
-@runtime_checkable
-class RunToRecord(Protocol):
-    """A `run.Simulation`, as far as a tape reads it."""
-
-    @property
-    def system(self) -> System:
-        """The compiled scene."""
-
-    @property
-    def stepper(self) -> Any:
-        """The time stepper."""
-
-    @property
-    def solver(self) -> StepSolver:
-        """The time stepper at work, which makes steps again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +88,7 @@ class RunTape:
     """
 
     def __init__(
-        self, run: RunToRecord, *, memory: Annotated[float, positive("bytes")] = DEFAULT_MEMORY
+        self, run: Simulation, *, memory: Annotated[float, positive("bytes")] = DEFAULT_MEMORY
     ) -> None:
         stepper = run.stepper
         check(

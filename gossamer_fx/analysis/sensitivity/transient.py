@@ -17,14 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gossamer_fx.analysis.sensitivity.backward import BackwardSteps
-from gossamer_fx.analysis.sensitivity.objectives import (
-    CrossingTime,
-    Energy,
-    FormObjective,
-    Objective,
-    ScalarObjective,
-    SceneView,
-)
+from gossamer_fx.analysis.sensitivity.objectives import CrossingTime, Energy, SceneView
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.tape import RecordedState, RunTape
 from gossamer_fx.analysis.sensitivity.variables import (
@@ -35,6 +28,7 @@ from gossamer_fx.analysis.sensitivity.variables import (
     find_variables,
 )
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.records.probes.objective import Objective
 
 LOGGER = logging.getLogger("gossamer_fx")
 
@@ -167,11 +161,11 @@ class TransientGradients:
         self._by_position.axpy(share, result_by_position)
         self._by_velocity.axpy(share, result_by_velocity)
         scalars = self.steps.scalars
-        if scalars.size and isinstance(objective, ScalarObjective):
+        if scalars.size:
             by_scalars = np.zeros(scalars.size)
             objective.add_scalar_derivative(system, by_scalars)
             scalars.c += share * by_scalars
-        forms = objective.forms(system) if isinstance(objective, FormObjective) else []
+        forms = objective.forms(system)
         for variable in self.variables:
             if isinstance(variable, FormVariable):
                 for coefficient in variable.coefficients:

@@ -26,7 +26,7 @@ from ufl.algorithms.analysis import extract_constants
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.compilation import compile_form
-from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
+from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.core.model.terms import MeasuresMesh, Parameter
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
@@ -172,7 +172,7 @@ class AdjointFields:
         self.of: dict[Body, fem.Function] = {}
         self.inertia: dict[Body, fem.Function] = {}
         for body in system.unknowns.bodies:
-            if is_on_mesh(body) and has_nodal_unknowns(body):
+            if isinstance(body, MeshBody) and has_nodal_unknowns(body):
                 self.of[body] = fem.Function(body.space)
                 self.inertia[body] = fem.Function(body.space)
 
@@ -386,7 +386,7 @@ class InitialVariable(Variable):
 
     def function(self, values: Array) -> fem.Function | None:
         body = self._body
-        if is_on_mesh(body) and has_nodal_unknowns(body):
+        if isinstance(body, MeshBody) and has_nodal_unknowns(body):
             return _function(body.space, values)
         return None
 

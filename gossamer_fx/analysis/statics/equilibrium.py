@@ -18,12 +18,13 @@ from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.core.checks.arguments import check_arguments, collective
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
-from gossamer_fx.records.fields.reactions import GroundForce, Joint, NamedPart, joint_force
+from gossamer_fx.records.fields.reactions import GroundForce, Joint, joint_force
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import LOAD_PARAMETER, Account, chamber_state, chamber_states
+from gossamer_fx.solve.view import LOAD_PARAMETER, Account, Sought, chamber_state, chamber_states
 
 # What stays constant in the chambers, see `gas.balance`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
@@ -37,7 +38,7 @@ DEFAULT_SEARCH = Continuation()
 
 
 @check_arguments
-class Equilibrium:
+class Equilibrium(Sought):
     """Finds the static equilibrium of a scene; its state is then in `system`, for `fields` and
     `modes`.
 
@@ -170,7 +171,7 @@ class Equilibrium:
 
     @check_arguments
     def reaction(
-        self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self, support: Item, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
         """Force [N] and moment [N m] about a point [m] that the ground exerts through an item in
         the equilibrium found last, (3,) each; `gx.probes.Reaction` is the probe.

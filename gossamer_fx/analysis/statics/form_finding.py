@@ -43,6 +43,7 @@ from gossamer_fx.core.forms.backend import cell_nodes, geometry_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.quality import extent
 from gossamer_fx.core.model.body import combine
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.cable import CableLaw
@@ -92,7 +93,7 @@ def constant_tension(e0: Any, e1: Any, z0: Any, h: Any, numbers: Any) -> Respons
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class EdgeCable:
+class EdgeCable(Item):
     """Cable along edges of a film with a prescribed force N: W = N Σ L ½(λ² - 1).
 
     L are the lengths of the edges in the reference shape, λ their stretches.  A film of tension n0

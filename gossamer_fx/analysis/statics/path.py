@@ -70,7 +70,14 @@ from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import LOAD_FACTOR, Account, Axis, chamber_state, chamber_states
+from gossamer_fx.solve.view import (
+    LOAD_FACTOR,
+    Account,
+    Axis,
+    StateView,
+    chamber_state,
+    chamber_states,
+)
 
 # Step of the difference ∂r/∂λ, over the first step of λ: its error is of second order.
 DIFFERENCE_STEP = 1e-3
@@ -559,7 +566,7 @@ class _Point:
     turns: bool = False
 
 
-class _PathView:
+class _PathView(StateView):
     """The last point of a path as a `solve.view.StateView`, for outputs: its `time` and its `step`
     are the number of the point, from 0."""
 

@@ -25,7 +25,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.core.forms.strain_path import gradient
-from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
+from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.axial_force import tension
@@ -110,7 +110,7 @@ class PrestressOfScene:
         Collective."""
         self._parts: dict[str, _PrestressOfPart] = {}
         for body in system.unknowns.bodies:
-            if is_on_mesh(body) and _asked_stress(body.full) is not None:
+            if isinstance(body, MeshBody) and _asked_stress(body.full) is not None:
                 self._parts[body.name] = _PrestressOfPart(system, body)
 
     def tensions(self) -> dict[str, float]:
@@ -201,7 +201,7 @@ def likely_tensions(system: System) -> dict[str, float]:
     its first direction, by their names; the same on every rank.  Collective."""
     tensions = {}
     for body in system.unknowns.bodies:
-        if not is_on_mesh(body):
+        if not isinstance(body, MeshBody):
             continue
         part: Any = body.full
         mesh = part.space.mesh

@@ -40,7 +40,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.analysis.sensitivity.objectives import Objective, add_gas_pressures
+from gossamer_fx.analysis.sensitivity.objectives import add_gas_pressures
 from gossamer_fx.analysis.sensitivity.static_solver import StaticSolver
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import (
@@ -56,8 +56,9 @@ from gossamer_fx.analysis.vibration.natural_modes import (
 from gossamer_fx.analysis.vibration.spectrum import symmetric_on_constraints
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.terms import Term, terms_of
+from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.loads.body_forces import Centrifugal
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 
 Complex = npt.NDArray[np.complex128]
@@ -203,7 +204,7 @@ class ModalModel:
         residual = system.unknowns.numbering.vector()
         kinds: dict[Any, list[Term]] = {}
         for item in items:
-            terms = list(terms_of(item, system.unknowns.state))
+            terms = list(item.terms(system.unknowns.state))
             name = getattr(item, "name", type(item).__name__)
             for term in terms:
                 kinds.setdefault(term.compiler, []).append(term)

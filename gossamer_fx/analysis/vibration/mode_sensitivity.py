@@ -29,8 +29,9 @@ from gossamer_fx.analysis.vibration.natural_modes import (
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form, constant
-from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns, is_on_mesh
+from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns
 from gossamer_fx.mechanics.terms.assembly import Differentiable
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 
 # Relative difference of neighbouring frequencies below which a mode is not unique, and its
@@ -43,7 +44,7 @@ MAX_ASYMMETRY = 1e-8
 
 
 @check_arguments
-class Frequency:
+class Frequency(Objective):
     """Frequency [Hz] of a mode of an equilibrium, for `gx.analysis.gradient`.
 
     Args:
@@ -117,7 +118,7 @@ class Frequency:
         _check_made_of_forms(system)
         self._forms = []
         for body in system.unknowns.bodies:
-            if not (is_on_mesh(body) and has_nodal_unknowns(body)):
+            if not (isinstance(body, MeshBody) and has_nodal_unknowns(body)):
                 continue
             q = system.unknowns.coordinates[body].q1
             mesh = body.space.mesh

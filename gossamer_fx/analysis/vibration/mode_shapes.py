@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.analysis.reduction.basis import Shapes
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import Mode
 from gossamer_fx.core.checks.arguments import check_arguments, positive
@@ -21,7 +22,7 @@ NEGLIGIBLE_PART = 1e-6
 
 
 @check_arguments
-class ModeShapes:
+class ModeShapes(Shapes):
     """Shapes x0 ± h φ of a film in modes φ about an equilibrium x0, for `reduce`.
 
     A complex mode gives the shapes of its real and of its imaginary part.  Modes represent

@@ -71,6 +71,7 @@ from gossamer_fx.core.checks.arguments import Range, check_arguments, collective
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.loads.body_forces import Centrifugal
+from gossamer_fx.records.outputs.static_records import ModeShape
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.system import System
 
@@ -118,7 +119,7 @@ SAME_SPIN = 1e-9
 
 @check_arguments
 @dataclass(frozen=True, repr=False)
-class Mode:
+class Mode(ModeShape):
     """A vibration q(t) = q0 + Re(φ e^(λt)) about an equilibrium q0.
 
     φ is scaled to the modal mass φᴴMφ = 1 kg; of a mode at rest it is real, with its largest

@@ -22,7 +22,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.modal_model import (
     Complex,
@@ -35,6 +34,7 @@ from gossamer_fx.core.checks.arguments import check_arguments, collective, not_n
 from gossamer_fx.core.checks.errors import check, output_failures
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Vector
+from gossamer_fx.records.probes.objective import Objective
 
 AT_REST = (0.0, 0.0, 0.0)
 

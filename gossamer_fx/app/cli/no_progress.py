@@ -10,6 +10,8 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gossamer_fx.records.outputs.output import Output
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -22,7 +24,7 @@ _GRACE = 2.0
 _LOOKS = 20
 
 
-class NoProgress:
+class NoProgress(Output):
     """Output that ends the program on all ranks if no step is completed for a time.
 
     It runs in a thread, which a function that is written in Python cannot stop.

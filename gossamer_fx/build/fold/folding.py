@@ -17,7 +17,7 @@ from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Vector
-from gossamer_fx.core.model.state import InitialState
+from gossamer_fx.core.model.state import InitialCondition, InitialState
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY, Crease
 
@@ -142,7 +142,7 @@ class Folding(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Folded:
+class Folded(InitialCondition):
     """Initial positions of a film by folds, turned by a rotation vector [rad] about the origin of
     the folded shape, which is moved to `origin` [m]; velocities do not change.  `Folding.start`
     makes it.

@@ -6,9 +6,10 @@ in UFL; terms between points are written in NumPy and see bodies through `Port`s
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, Protocol, TypeGuard, runtime_checkable
+from typing import Annotated, Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Count, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.item import Item
 
 Array = npt.NDArray[np.floating]
 # dolfinx numbers the nodes of a rank by 32 bits.
@@ -39,25 +41,34 @@ class Block:
     size: int
 
 
-@runtime_checkable
-class Body(Protocol):
-    """Something with coordinates."""
+class Body(Item, ABC):
+    """An item with coordinates.
 
-    name: str
+    Attributes:
+        name: in messages and outputs.
+        comm: of the ranks that share it.
+        block: its unknowns.
+    """
+
     comm: MPI.Intracomm
     block: Block
 
+    @abstractmethod
     def initial_state(self) -> tuple[Array, Array]:
         """Owned coordinates [m] and velocities [m/s], flattened, node by node; not to be written
         to."""
 
+    @abstractmethod
     def describe(self, node: int) -> str:
         """Where an owned node is, in words, for messages."""
 
 
-@runtime_checkable
-class MeshBody(Body, Protocol):
-    """A body discretised on a mesh: its coordinates are functions of a Lagrange space."""
+class MeshBody(Body):
+    """A body discretised on a mesh: its coordinates are functions of a Lagrange space.
+
+    Attributes:
+        space: of the coordinates.
+    """
 
     space: fem.FunctionSpace
 
@@ -65,45 +76,23 @@ class MeshBody(Body, Protocol):
     def full(self) -> MeshBody:
         """The body itself; of a reduced body the one that was reduced, whose nodes have
         positions."""
+        return self
 
+    @abstractmethod
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
         """Set a function on `full.space`, ghosts included, from this rank's unknowns."""
 
+    @abstractmethod
     def coordinates(self, alpha: float) -> Any:
         """The functions of its forms and how they follow from its unknowns, a
         `terms.coordinates.Coordinates`, for a stress rule whose forces act at q_mid = (1 - α) q0 +
         α q1."""
 
 
-# One attribute decides what an item is: a body of a user needs no base class.
-@runtime_checkable
-class BringsCoordinates(Protocol):
-    """What makes an item of a scene a body: a block of unknowns."""
-
-    block: Block
-
-
-@runtime_checkable
-class OnMesh(Protocol):
-    """What makes a body one on a mesh: a function space."""
-
-    space: fem.FunctionSpace
-
-
-def is_body(item: object) -> TypeGuard[Body]:
-    """Whether an item of a scene is a body."""
-    return isinstance(item, BringsCoordinates)
-
-
-def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
-    """Whether a body is discretised on a mesh."""
-    return isinstance(body, OnMesh)
-
-
 def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
     """Whether a body's unknowns are the coordinates of the nodes of its mesh."""
     return (
-        is_on_mesh(body)
+        isinstance(body, MeshBody)
         and body.block.index_map.size_global == body.space.dofmap.index_map.size_global
     )
 

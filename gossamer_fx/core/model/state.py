@@ -17,9 +17,10 @@ vectors with and without them.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import numpy as np
 from dolfinx import fem
@@ -27,20 +28,20 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import InputError, check
-from gossamer_fx.core.model.body import Array, Attached, Body, Ground, Port, is_on_mesh
+from gossamer_fx.core.model.body import Array, Attached, Body, Ground, MeshBody, Port
+from gossamer_fx.core.model.item import Item
 
 
-@runtime_checkable
-class HasSystem(Protocol):
+class HasSystem:
     """Something with a compiled scene, `system`: a `Simulation` or an `Equilibrium`."""
 
     system: Any
 
 
-@runtime_checkable
-class Sampled(Protocol):
+class Sampled(Item, ABC):
     """An item that looks at the state of a run between steps, as a feedback does."""
 
+    @abstractmethod
     def before_step(self, run: HasSystem, h: float) -> float:
         """Look at the state before a step of length h [s]; returns the length that it may have.
         Collective."""
@@ -83,7 +84,7 @@ class BodyState:
             InputError: the body has no mesh, e.g. a rigid body.
         """
         body = self.body
-        if not is_on_mesh(body):
+        if not isinstance(body, MeshBody):
             raise InputError(
                 f"'{body.name}' has no mesh; ask for its coordinates instead of a function."
             )
@@ -95,7 +96,7 @@ class BodyState:
         """Positions (n, 3) [m] of the owned nodes, of a reduced film those of the film that was
         reduced.  Collective."""
         body = self.body
-        if not is_on_mesh(body) or body.full is body:
+        if not isinstance(body, MeshBody) or body.full is body:
             return self.positions()
         return self.local_positions()[: body.full.block.index_map.size_local]
 
@@ -256,6 +257,22 @@ class InitialState(State):
         size = self._q.getLocalSize()
         q.array[:size] = self._q.array_r
         v.array[:size] = self._v.array_r
+
+
+class InitialCondition(Item, ABC):
+    """An item that changes the initial state of a whole scene, after that of its bodies was taken.
+
+    Attributes:
+        stage: when it acts.  Maps of folding act first (0), then constraints (1), whose pieces
+            follow the folded films, then another scene as start (2), and rigid motions (3), whose
+            velocities are those where the bodies are.
+    """
+
+    stage: ClassVar[int] = 0
+
+    @abstractmethod
+    def initialise(self, start: InitialState) -> None:
+        """Change coordinates or velocities, by `start.place` and `start.set_in_motion`."""
 
 
 def _local_size(body: Body) -> int:

@@ -15,14 +15,15 @@ user.  Each kind names the class that compiles all terms of the kind in a scene,
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar, Protocol
 
 from dolfinx import fem
 
 from gossamer_fx.core.model.body import Body
-from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.item import Item
 
 
 class Term(Protocol):
@@ -32,46 +33,22 @@ class Term(Protocol):
     compiler: ClassVar[type]
 
 
-@runtime_checkable
-class BringsTerms(Protocol):
-    """An item of a scene that adds to the equations."""
-
-    def terms(self, start: State) -> Iterable[Term]:
-        """Its terms in a scene that begins in the state `start`."""
-
-
-@runtime_checkable
-class RefersToItems(Protocol):
-    """An item of a scene that needs others; they join the scene by themselves."""
-
-    def requires(self) -> Iterable[object]:
-        """The items that it refers to."""
-
-
-class MeasuresMesh:
+class MeasuresMesh(Item, ABC):
     """Base of items whose numbers are measured on the meshes of their bodies when they are made,
     such as the lengths of a tape: a result has no derivative by the shape of these bodies."""
 
-    def requires(self) -> Iterable[object]:
+    @abstractmethod
+    def requires(self) -> Iterable[Item]:
         """The bodies that are measured."""
-        raise NotImplementedError
 
 
-class OnBody:
+class OnBody(Item):
     """An item of a scene that acts on one body, which joins the scene with it."""
 
     body: Body
 
-    def requires(self) -> Iterable[object]:
+    def requires(self) -> Iterable[Item]:
         yield self.body
-
-
-def terms_of(item: object, start: State) -> Iterable[Term]:
-    """The terms that an item of a scene brings, if any."""
-    # Initial conditions, tanks and some others change the scene without a term.
-    if not isinstance(item, BringsTerms):
-        return ()
-    return item.terms(start)
 
 
 # ---- parameters ----------------------------------------------------------------------------------

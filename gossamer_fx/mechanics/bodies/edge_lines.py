@@ -7,16 +7,17 @@ is the cut pattern.  Every rank knows all of a line, in the same order for any n
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 
@@ -154,13 +155,10 @@ class EdgeLine:
         return found
 
 
-@runtime_checkable
-class SewnEdges(Protocol):
+class SewnEdges(Item, ABC):
     """Two edges of films that are sewn together; `constraints.Seam` is one."""
 
-    @property
-    def name(self) -> str: ...
-
+    @abstractmethod
     def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
         """Both edges, so that points of like fractions of arc length belong together.
         Collective."""

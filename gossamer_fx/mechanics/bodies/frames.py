@@ -4,21 +4,32 @@ joins two of them or acts between two points."""
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from operator import methodcaller
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from dolfinx.common import IndexMap
-from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Attached, Block, Ground, Port, Vector, combine, unit
+from gossamer_fx.core.model.body import (
+    Array,
+    Attached,
+    Block,
+    Body,
+    Ground,
+    Port,
+    Vector,
+    combine,
+    unit,
+)
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
@@ -34,12 +45,9 @@ FRAME_SIZE = 12
 INITIAL: Callable[[Attached], Array] = methodcaller("initial")
 
 
-class OneNode:
+class OneNode(Body):
     """A body with one node of one or more vectors, which rank 0 owns; all ranks know its start."""
 
-    name: str
-    comm: MPI.Intracomm
-    block: Block
     description: str  # in messages
     # Coordinates and rates at the start, of any shape
     _q: Array
@@ -285,13 +293,8 @@ def check_axis(joint: Any) -> None:
     )
 
 
-class _Named:
-    # Not a field of `Between`: in signatures it comes last, with the default of each class.
-    name: str
-
-
 @dataclass(frozen=True, eq=False)
-class Between(_Named):
+class Between(Item):
     """Two sides, at least one of which moves."""
 
     a: Attached | Frame
@@ -318,12 +321,21 @@ class Between(_Named):
         """The sides as the equations have them: joints may complete a frame to three directors."""
         return self.a, self.b
 
-    def requires(self) -> Iterable[Any]:
+    def requires(self) -> Iterable[Item]:
         yield from bodies_of(*self._sides)
 
 
+class DrawnAsLines(Item, ABC):
+    """An item of a scene that pictures show as straight lines between points of bodies."""
+
+    @property
+    @abstractmethod
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each line."""
+
+
 @dataclass(frozen=True, eq=False)
-class LineBetween(Between):
+class LineBetween(Between, DrawnAsLines):
     """Two points between which pictures show a straight line."""
 
     a: Attached
@@ -353,14 +365,3 @@ class FrameJoint(Between):
                 f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; "
                 "join two bodies.",
             )
-
-
-@runtime_checkable
-class DrawnAsLines(Protocol):
-    """An item of a scene that pictures show as straight lines between points of bodies."""
-
-    name: str
-
-    @property
-    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of each line."""

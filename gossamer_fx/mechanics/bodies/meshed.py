@@ -3,7 +3,7 @@ between them, motions given as functions."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from types import SimpleNamespace
@@ -48,14 +48,10 @@ NODE_ROUND_OFF = 1e-9
 ON_MESH = 1e-6
 
 
-class Meshed(ABC):
+class Meshed(MeshBody):
     """A body on a mesh.  Making one is collective."""
 
-    name: str
-    comm: MPI.Intracomm
     mesh: Mesh
-    space: fem.FunctionSpace
-    block: Block
     # Of its law or section, as coefficients of forms
     constants: SimpleNamespace
 

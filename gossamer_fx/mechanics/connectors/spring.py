@@ -13,9 +13,10 @@ from gossamer_fx.core.checks.arguments import check_arguments, not_negative, pos
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.laws.tracing import Number, at_most
 from gossamer_fx.core.model.body import Attached, Port, unit
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
-from gossamer_fx.mechanics.bodies.frames import Between, LineBetween, bodies_of
+from gossamer_fx.mechanics.bodies.frames import Between, DrawnAsLines, LineBetween, bodies_of
 from gossamer_fx.mechanics.terms.rows import (
     AttachedKineticEnergy,
     Response,
@@ -290,7 +291,7 @@ class Damper(Between):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class AxialSpring:
+class AxialSpring(Item):
     """A spring to ground along one direction: ψ = ½ k (n·(x - x0))².
 
     Args:
@@ -335,7 +336,7 @@ class AxialSpring:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class RopeBundle:
+class RopeBundle(DrawnAsLines):
     """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the
     ledger.
 
@@ -400,7 +401,7 @@ class RopeBundle:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class AttachedMass:
+class AttachedMass(Item):
     """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point.
 
     It adds no unknowns.  `Gravity` and `Centrifugal` of the body act on it, too.

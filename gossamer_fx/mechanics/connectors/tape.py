@@ -19,6 +19,7 @@ from gossamer_fx.core.model.body import Array, Attached, Port, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import MeasuresMesh, OnBody, Term
 from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.spring import quadratic
 from gossamer_fx.mechanics.terms.rows import (
@@ -39,7 +40,7 @@ def one_sided(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Tape(OnBody):
+class Tape(OnBody, DrawnAsLines):
     """Bars along a line of a film, each between two points of it that move with the film.
 
     Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges`

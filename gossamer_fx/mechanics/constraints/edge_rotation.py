@@ -21,6 +21,7 @@ from gossamer_fx.core.forms.bending import EDGE_DEGREE
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, MeshBody, Vector, unit
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import edge_measure
@@ -46,7 +47,7 @@ def check_is_rim(plate: Plate, edges: str) -> None:
 
 
 @dataclass(frozen=True)
-class EdgeRotation:
+class EdgeRotation(Item):
     """The direction of a plate at an edge of its rim, see `Fixed` for the arguments."""
 
     name: str

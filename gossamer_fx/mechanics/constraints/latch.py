@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, unit
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import HasSystem, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import (
@@ -43,7 +44,7 @@ from gossamer_fx.mechanics.terms.point_constraints import (
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Latch:
+class Latch(Item):
     """A lock of the motion that a hinge or rail leaves free, engaged and released in a run.
 
     `engage` and `release` are actions of events, `position` and `load` probes: a latch acts at an
@@ -181,7 +182,7 @@ class Latch:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class HoldDown:
+class HoldDown(Item):
     """A joint that holds from the start of a run until it is released, as of a stage or a folded
     boom.
 
@@ -220,20 +221,14 @@ class HoldDown:
         | UniversalJoint
     )
 
-    @property
-    def name(self) -> str:
-        """The name of the joint."""
-        return self.joint.name
+    # Those of the joint.
+    name: str = field(init=False)
+    a: Any = field(init=False)
+    b: Any = field(init=False)
 
-    @property
-    def a(self) -> Any:
-        """First side of the joint."""
-        return self.joint.a
-
-    @property
-    def b(self) -> Any:
-        """Second side of the joint."""
-        return self.joint.b
+    def __post_init__(self) -> None:
+        for what in ("name", "a", "b"):
+            object.__setattr__(self, what, getattr(self.joint, what))
 
     def requires(self) -> Iterable[Any]:
         return self.joint.requires()

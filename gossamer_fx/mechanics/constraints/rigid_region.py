@@ -20,7 +20,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -30,7 +30,7 @@ from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.core.model.state import InitialState, State
+from gossamer_fx.core.model.state import InitialCondition, InitialState, State
 from gossamer_fx.core.model.terms import MeasuresMesh, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.frames import Frame, Line
@@ -47,7 +47,7 @@ FIT = 1e-6
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class RigidRegion(MeasuresMesh):
+class RigidRegion(MeasuresMesh, InitialCondition):
     """A rigid region: the nodes of a named group move as one piece.
 
     Args:
@@ -80,6 +80,7 @@ class RigidRegion(MeasuresMesh):
     sliding: bool = False
     fixed_components: tuple[int, ...] = ()
     name: str = ""
+    stage: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed_components", tuple(map(int, self.fixed_components)))

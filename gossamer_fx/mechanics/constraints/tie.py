@@ -39,11 +39,11 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
-from gossamer_fx.core.model.body import Array, Port, is_on_mesh
+from gossamer_fx.core.model.body import Array, MeshBody, Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import MeasuresMesh, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
-from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, aligned, edge_line
+from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, SewnEdges, aligned, edge_line
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.constraints.joint import COINCIDE, coincidence
@@ -97,7 +97,7 @@ class Tie(MeasuresMesh):
         sides = ((self.a, self.group_a), (self.b, self.group_b))
         for body, group in sides:
             check(
-                not isinstance(body, Beam) and is_on_mesh(body),
+                not isinstance(body, Beam) and isinstance(body, MeshBody),
                 f"Tie: '{body.name}' is not a film or cable; join others by joints.",
             )
             check(
@@ -226,7 +226,7 @@ def _between(body: Meshed, ends: npt.NDArray[np.int64], s: float) -> Port:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Seam(MeasuresMesh):
+class Seam(MeasuresMesh, SewnEdges):
     """A seam: two edges of films that are drawn together in a time, and are tied from then on.
 
         x_a - x_b = (1 - s(t)) (X_a - X_b),    s = 0 before and 1 after `closing`

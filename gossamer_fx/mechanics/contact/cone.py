@@ -171,7 +171,7 @@ class Cone(Obstacle):
         if self.inside:
             return [self._boundary(axis)], []
         solid = ObstacleSolid(
-            (self._at(first), self._at(second)),
+            (self.fixed_point(first), self.fixed_point(second)),
             ((0, 1),),
             radius=radii,
             edge_stencil=EdgeCone,
@@ -190,8 +190,10 @@ class Cone(Obstacle):
         height = max(self.radii) / abs(slope)
         cosine = 1 / math.hypot(1, slope)
         sine = abs(slope) * cosine
-        first, second = (self._along(cosine * across) for across in perpendicular_pair(axis))
-        origin = self._at(apex - height * upwards)
+        first, second = (
+            self.fixed_direction(cosine * across) for across in perpendicular_pair(axis)
+        )
+        origin = self.fixed_point(apex - height * upwards)
         return ObstacleBoundary(PointInCone, (origin, first, second), height * sine)
 
     def picture(self, near: Array) -> DrawnSurface:

@@ -18,7 +18,8 @@ from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negati
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.mesh.quality import box
-from gossamer_fx.core.model.body import Body, MeshBody, has_nodal_unknowns, is_body, is_on_mesh
+from gossamer_fx.core.model.body import Body, MeshBody, has_nodal_unknowns
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.contact.active_set import ContactHistory
@@ -270,7 +271,7 @@ class ContactEnergy:
 
 
 @check_arguments
-class Contact:
+class Contact(Item):
     """Keeps films, cables and beams apart: each from itself, from the others and from obstacles.
 
     Pairs of points and triangles, and of two edges, store the energy k b(s/d²) while their squared
@@ -368,7 +369,7 @@ class Contact:
             if isinstance(body, Obstacle):
                 continue
             check(
-                is_body(body) and is_on_mesh(body),
+                isinstance(body, Body) and isinstance(body, MeshBody),
                 f"Contact '{self.name}': {body!r} has no surface; give films, cables, beams and "
                 "obstacles.",
             )

@@ -255,6 +255,8 @@ class ContactSet:
         friction: Friction | None = None,
     ) -> None:
         c_library(HEADER, system.comm)
+        for stencil in dict.fromkeys(one.boundary.stencil for one in mesh.boundaries):
+            stencil.prepare(system.comm)
         self.mesh = mesh
         self.law = law
         self.activation_distance = activation_distance

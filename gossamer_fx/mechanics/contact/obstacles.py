@@ -51,7 +51,7 @@ class ObstacleBoundary:
     """A boundary off which points are kept.
 
     Attributes:
-        stencil: of its pairs.
+        stencil: of its pairs; an own one is a `LawBoundary`.
         points: three vectors that describe it as its stencil says: an origin and two directions.
         shape: number that the stencil needs, such as the radius of a room [m]; 0: it needs none.
     """
@@ -171,14 +171,14 @@ class Obstacle:
             return frame.origin, *frame.directors
         return Port(self.body, (0,)), *self.body.frame().directors
 
-    def _at(self, point: Array | Vector) -> Attached:
+    def fixed_point(self, point: Array | Vector) -> Attached:
         """Return a point (3,) [m] that moves with the obstacle."""
         x, y, z = (float(value) for value in point)
         if self.body is None:
             return Ground((x, y, z))
         return self.body.port_at((x, y, z))
 
-    def _along(self, direction: Array) -> Attached:
+    def fixed_direction(self, direction: Array) -> Attached:
         """Return a direction (3,) that turns with the obstacle."""
         if self.body is None:
             x, y, z = direction
@@ -221,8 +221,8 @@ class Plane(Obstacle):
         """
         normal = unit_vector(self.normal, f"Plane '{self.name}': its normal")
         # The third vector of a plane is not used, and repeats the origin.
-        origin = self._at(self.point)
-        boundary = ObstacleBoundary(PointPlane, (origin, self._along(normal), origin))
+        origin = self.fixed_point(self.point)
+        boundary = ObstacleBoundary(PointPlane, (origin, self.fixed_direction(normal), origin))
         return [boundary], []
 
     def picture(self, near: Array) -> DrawnSurface:
@@ -252,7 +252,7 @@ class Sphere(Obstacle):
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
         """Return for a ball a solid of one corner with a radius [m], for a room (`inside`) one
         boundary with this radius, whose three points are all the centre [m]."""
-        centre = self._at(self.centre)
+        centre = self.fixed_point(self.centre)
         if self.inside:
             points = (centre, centre, centre)
             return [ObstacleBoundary(PointInSphere, points, self.radius)], []
@@ -294,12 +294,14 @@ class Cylinder(Obstacle):
             InputError: start and end are the same point.
         """
         axis = unit_vector(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
-        start = self._at(self.start)
+        start = self.fixed_point(self.start)
         if not self.inside:
-            solid = ObstacleSolid((start, self._at(self.end)), ((0, 1),), radius=self.radius)
+            solid = ObstacleSolid(
+                (start, self.fixed_point(self.end)), ((0, 1),), radius=self.radius
+            )
             return [], [solid]
         first, second = perpendicular_pair(axis)
-        points = (start, self._along(first), self._along(second))
+        points = (start, self.fixed_direction(first), self.fixed_direction(second))
         return [ObstacleBoundary(PointInCylinder, points, self.radius)], []
 
     def picture(self, near: Array) -> DrawnSurface:
@@ -354,7 +356,7 @@ class Box(Obstacle):
         room (`inside`) six boundaries."""
         if self.inside:
             return self._boundaries(), []
-        points = tuple(self._at(corner) for corner in self._corners())
+        points = tuple(self.fixed_point(corner) for corner in self._corners())
         return [], [ObstacleSolid(points, BOX_EDGES, _triangles_of_box())]
 
     def _corners(self) -> Array:
@@ -382,10 +384,8 @@ class Box(Obstacle):
         boundaries = []
         for k in range(3):
             for sign in (-1, 1):
-                # `_at` and `_along` attach a point and a direction to the body that carries the
-                # obstacle, or to the ground.
-                origin = self._at(centre + sign * half[k] * axes[k])
-                normal = self._along(-sign * axes[k])
+                origin = self.fixed_point(centre + sign * half[k] * axes[k])
+                normal = self.fixed_direction(-sign * axes[k])
                 boundaries.append(ObstacleBoundary(PointPlane, (origin, normal, origin)))
         return boundaries
 

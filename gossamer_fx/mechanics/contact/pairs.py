@@ -7,7 +7,7 @@ Kinds.  The *stencil* of a kind has all that is different from one kind to the n
 row of `kernels/stencils.c` and the class here that has its number: together they say what the
 distance is, its derivatives, the range of the energy, and whether a point may get behind the other
 side.  Everything else asks the stencil.  A new kind is a new class, wherever it is written, and a
-row in C: see `cone.py`.
+row in C: see `cone.py`.  A boundary whose distance is a plain function needs no C: `LawBoundary`.
 
 Tables.  The stages of contact hand on a table with one row a pair.  It is a structure of arrays,
 since the C functions and NumPy work on columns.  The broad phase makes `CandidatePairs`, of which
@@ -29,11 +29,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, Self, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 import numpy as np
+from mpi4py import MPI
 
+from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.forms.c_source import CStruct, check_indices
+from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.mechanics.contact.contract import (
     Array,
     ByteArray,
@@ -43,6 +46,9 @@ from gossamer_fx.mechanics.contact.contract import (
     Sides,
 )
 from gossamer_fx.mechanics.contact.kernels.library import library
+
+if TYPE_CHECKING:
+    from gossamer_fx.core.laws.law import Law
 
 # ---- kinds ----
 
@@ -80,6 +86,11 @@ class PairStencil:
                 raise TypeError(f"{cls.__name__}: {type(taken).__name__} is number {cls.number}.")
             STENCILS[cls.number] = cls()
             SIDES[cls.number] = cls.sides
+
+    @classmethod
+    def prepare(cls, comm: MPI.Intracomm) -> None:
+        """Compile what the kind needs beyond the C functions of contact, before there are pairs of
+        it.  Collective."""
 
     def distance(self, s: Array) -> Array:
         """Return the distance (n,) [m] of both sides without radii; in rooms it is negative."""
@@ -127,6 +138,9 @@ class PairStencil:
 
         return parameter_derivatives(self.sides, x, parameters, self.taper(shape))
 
+
+# Arguments of the law of a boundary by which it is derived.
+PRODUCTS = ("rr", "ra", "rb", "aa", "ab", "bb")
 
 # The stencil of each kind, and its sides, by the number of the kind.
 STENCILS: dict[int, PairStencil] = {}
@@ -248,6 +262,91 @@ class PointInCylinder(Room):
         gradient[:, 1] = -gradient[:, 0]
         gradient[:, 2:] = -share[:, :, None] * r[:, None]
         return -distance, gradient
+
+
+# Numbers of kinds whose distance is a law: kinds are bytes, and lower numbers are rows in C.
+NUMBERS_OF_LAWS = range(128, 256)
+
+
+class LawBoundary(BoundaryStencil):
+    """Base of boundaries whose distance is a law of the point: a subclass gives `law`, which is
+    compiled with its derivatives.
+
+    With the point's vector r from the origin of the boundary and its two directions a and b, which
+    turn with the obstacle and may have any length, `law(rr, ra, rb, aa, ab, bb, shape)` returns the
+    distance [m] from the boundary as a function of the products r·r, r·a, ... and of the number
+    that the boundary has as its `shape`.  It is positive on the side where bodies are, has a slope
+    of one across the boundary, and is smooth there.  As of all laws (`core.laws`) it may compare
+    and use NumPy's functions of one number.
+
+    Energy is conserved for every law.  Newton's method needs fewest iterations where the distance
+    is a concave function of the products, as those of rooms are.
+
+    Example:
+        >>> import numpy as np
+        >>> class InTube(LawBoundary):
+        ...     @staticmethod
+        ...     def law(rr, ra, rb, aa, ab, bb, shape):
+        ...         return shape - np.sqrt(rr - ra * ra)
+        >>> InTube.number >= 128
+        True
+    """
+
+    _compiled: ClassVar[Law]
+
+    @staticmethod
+    def law(
+        rr: Number, ra: Number, rb: Number, aa: Number, ab: Number, bb: Number, shape: Number
+    ) -> Number:
+        """Return the distance [m] from the boundary."""
+        raise NotImplementedError
+
+    def __init_subclass__(cls) -> None:
+        """Give the kind the next number."""
+        free = [number for number in NUMBERS_OF_LAWS if number not in STENCILS]
+        if not free:
+            raise InputError(
+                f"{cls.__name__}: there are {len(NUMBERS_OF_LAWS)} classes of boundaries with a "
+                "law already; give the number that differs as their shape."
+            )
+        cls.number = free[0]
+        super().__init_subclass__()
+
+    @classmethod
+    def prepare(cls, comm: MPI.Intracomm) -> None:
+        from gossamer_fx.core.laws.law import compile_law
+
+        cls._compiled = compile_law(cls.law, by=PRODUCTS, orders=2, comm=comm)
+        library().lib.set_boundary_law(cls.number, cls._compiled.address)
+
+    def distance(self, s: Array) -> Array:
+        return s
+
+    def energy_range(
+        self, reach: Array, radius: Array, shape: Array, is_barrier: bool
+    ) -> tuple[Array, Array]:
+        return reach, radius
+
+    def derivatives(self, x: Array, parameters: Array, shape: Array) -> tuple[Array, Array]:
+        r, a, b = x[:, 0] - x[:, 1], x[:, 2], x[:, 3]
+        both = ((r, r), (r, a), (r, b), (a, a), (a, b), (b, b))
+        e = np.stack([(p * q).sum(axis=1) for p, q in both])
+        s = np.empty(len(x), dtype=x.dtype)
+        slopes = np.empty((len(x), 6), dtype=x.dtype)
+        for i, (products, number) in enumerate(zip(e.T, shape, strict=True)):
+            value, first, second = self._compiled(*products.real.tolist(), float(number))
+            # To first order in the imaginary parts, which is what complex steps need.
+            s[i], slopes[i] = value[0], first[0]
+            if np.iscomplexobj(x):
+                s[i] += 1j * first[0] @ products.imag
+                slopes[i] += 1j * second[0] @ products.imag
+        of_rr, of_ra, of_rb, of_aa, of_ab, of_bb = slopes.T[:, :, None]
+        gradient = np.zeros_like(x)
+        gradient[:, 0] = 2 * of_rr * r + of_ra * a + of_rb * b
+        gradient[:, 1] = -gradient[:, 0]
+        gradient[:, 2] = of_ra * r + 2 * of_aa * a + of_ab * b
+        gradient[:, 3] = of_rb * r + of_ab * a + 2 * of_bb * b
+        return s, gradient
 
 
 def stencils_of(kind: ByteArray) -> Iterator[tuple[PairStencil, Any]]:

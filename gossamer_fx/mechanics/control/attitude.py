@@ -19,11 +19,12 @@ import numpy as np
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check, real_numbers
 from gossamer_fx.core.model.body import Array, Port, Vector, combine, unit
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Frame, bodies_of
 from gossamer_fx.mechanics.terms.assembly import HistoryVariables
-from gossamer_fx.mechanics.terms.loads import Couple, PointLoad
+from gossamer_fx.mechanics.terms.loads import Couple, ForceOfStart, PointLoad
 
 # Eigenvalue of a moment matrix over the largest one below which the vectors lie in a plane.
 FLATNESS = 1e-9
@@ -208,7 +209,7 @@ class _ControlTorque(Couple):
         return changed
 
 
-class _SampledTorque(_ControlTorque, HistoryVariables):
+class _SampledTorque(_ControlTorque, ForceOfStart, HistoryVariables):
     """The torque of an `AttitudeControl` that is computed once a period and held constant in
     between."""
 
@@ -401,7 +402,7 @@ def _three_by_three(axes: object) -> Array:
 
 
 @check_arguments
-class AttitudeControl:
+class AttitudeControl(Item):
     """Proportional-derivative torque on a body whose attitude is that of its position gradient.
 
     The position gradient F at the frame is decomposed, F = R U, and R into Euler angles relative to

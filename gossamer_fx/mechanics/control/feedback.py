@@ -19,11 +19,11 @@ from gossamer_fx.core.checks.arguments import check_arguments, not_negative, pos
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Vector, unit
-from gossamer_fx.core.model.state import HasSystem, State
+from gossamer_fx.core.model.state import HasSystem, Sampled, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import Frame, along, bodies_of, check_axis
 from gossamer_fx.mechanics.terms.assembly import Compiler, HistoryVariables
-from gossamer_fx.mechanics.terms.loads import Couple, PointLoad, PointLoads
+from gossamer_fx.mechanics.terms.loads import Couple, PointForce, PointLoad, PointLoads
 
 # Fraction of a period by which a sample may be early, or a step too long: round-off of times.
 SAMPLE_ROUND_OFF = 1e-9
@@ -32,12 +32,10 @@ SAMPLE_ROUND_OFF = 1e-9
 # ---- forces of actuators -------------------------------------------------------------------------
 
 
-class _Actuation(HistoryVariables):
+class _Actuation(PointForce, HistoryVariables):
     """The force of an actuator on attached vectors, from n commands that are held: of a torque
-    three [N m], of a thruster one [N], of a wheel one [N m]."""
-
-    # It depends on earlier states by its command, so that it has no gradient.
-    depends_on_position_only = False
+    three [N m], of a thruster one [N], of a wheel one [N m].  It depends on earlier states by its
+    command, so that it has no gradient."""
 
     def __init__(self, size: int) -> None:
         self.command: Array = np.zeros(size)
@@ -77,9 +75,6 @@ class _HeldTorque(_Actuation, Couple):
 
 class _Thrust(_Actuation):
     """The force of a `Thruster`, on the stacked vectors X (6,) of a point and a direction d."""
-
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        """Nothing to prepare: the thrust is constant."""
 
     def force(self, X: Array) -> Array:
         # The direction is divided by its length: it is shorter than 1 in the middle of a step.
@@ -212,8 +207,6 @@ class Actuators(PointLoads):
         return np.array([np.zeros(3), self.wheel_momentum()])
 
     def wheel_momentum(self) -> Array:
-        """Sum (3,) of the angular momenta [kg m²/s] of the wheels in the accepted state, this
-        rank's share."""
         total = np.zeros(3)
         vectors = self._vectors(self._system.q0)
         for k, actuation in self._actuations():
@@ -368,7 +361,7 @@ class _ActuatorLoad(PointLoad):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Feedback:
+class Feedback(Sampled):
     """A control law of the user: sampled measurements, commands that are held, and actuators.
 
     At each sample the law is called once, on every rank, as `law(t, values)`, with the time [s] and

@@ -20,6 +20,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, Enclosure
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.surface import Geometry
+from gossamer_fx.mechanics.terms.scalar_unknowns import BringsScalarUnknowns
 
 # Effective area C_d A [m²] of a step, a function of its length h [s] and of the time [s] of its
 # middle.
@@ -119,7 +120,7 @@ class Holder:
     USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE, "pressure": USUAL_PRESSURE}
 
 
-class Volume:
+class Volume(BringsScalarUnknowns):
     """A control volume: gas with a mass and an energy that change, e.g. a chamber or a tank.
 
     The attributes are its initial state and its geometry.  The state in a run is
@@ -144,7 +145,7 @@ class Volume:
     outside: Holder | None
 
 
-class Opening(ABC):
+class Opening(BringsScalarUnknowns, ABC):
     """A connection through which gas flows between two volumes or boundaries.
 
     `Orifice` is one.  Which arguments its constructor takes does not matter here.
@@ -217,7 +218,7 @@ class Discharge(Opening):
     coefficient: ClassVar[str] = ""
 
 
-class Wall(ABC):
+class Wall(BringsScalarUnknowns, ABC):
     """Something of known temperature that exchanges heat with a volume: a wall, or what is
     outside of a film.
 

@@ -28,13 +28,12 @@ W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `c
 from __future__ import annotations
 
 import math
-from inspect import getattr_static
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
@@ -78,15 +77,11 @@ class GasNetwork(ScalarUnknowns):
 
     Raises:
         InputError: the scene has no chamber, two of them enclose the same film, two gases have the
-            same name, a boundary supplies gas of a scene with several and names none, or an own
-            volume, opening or wall is not derived from the base of its kind.
+            same name, or a boundary supplies gas of a scene with several and names none.
     """
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
         """Compile what bounds the chambers, and connect them by openings and walls; collective."""
-        # Of all items: one without the base is not among those that the network compiles.
-        for item in system.items:
-            _check_base(item)
         chambers = [item for item in items if isinstance(item, Volume)]
         _check_chambers(chambers)
         openings = [item for item in items if isinstance(item, Opening)]
@@ -511,25 +506,6 @@ class GasNetwork(ScalarUnknowns):
         for k, enclosure in self._enclosures.items():
             measured[:, k] += enclosure.measures
         return measured
-
-
-def _check_base(item: Any) -> None:
-    """Refuse an item that has the members of a volume, opening or wall and is not derived from
-    the base class: the network would leave it out without a word."""
-    for base in (Volume, Opening, Wall):
-        attributes = {name for name in base.__annotations__ if not hasattr(base, name)}
-        members = attributes | getattr(base, "__abstractmethods__", frozenset())
-        # Not `hasattr`: a property may be collective, and sets have another order on each rank.
-        missing = [
-            name for name in members if getattr_static(item, name, NotImplemented) is NotImplemented
-        ]
-        if isinstance(item, base) or missing:
-            continue
-        raise InputError(
-            f"'{item.name}' has the members of {base.__name__}, but its class "
-            f"{type(item).__name__} is not derived from it, so that the gas would not know it; "
-            f"derive it from gossamer_fx.extend.{base.__name__}."
-        )
 
 
 def _check_chambers(chambers: list[Volume]) -> None:

@@ -8,6 +8,7 @@ from typing import Protocol
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.gas.film_area import CompiledFilmArea, FilmArea
 from gossamer_fx.mechanics.gas.patches import ChamberSurfaces
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
@@ -40,7 +41,7 @@ class SeenSystem:
 
 
 @dataclass
-class InStep:
+class InStep(HasSystem):
     """A scene at the start of a step as a run, for functions of the user: probes read
     `run.system.unknowns`."""
 

@@ -21,6 +21,7 @@ from gossamer_fx.mechanics.gas.contract import (
 from gossamer_fx.mechanics.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
+from gossamer_fx.mechanics.terms.scalar_unknowns import BringsScalarUnknowns
 
 # Absolute.  Zero is refused because an empty chamber has no mass, and so no temperature.
 Pressure = Annotated[float, positive("Pa")]
@@ -29,7 +30,7 @@ Temperature = Annotated[float, positive("K")]
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Ambient(Holder):
+class Ambient(Holder, BringsScalarUnknowns):
     """The surroundings or a supply of gas: constant pressure, by default a vacuum, and constant
     temperature.
 

@@ -17,7 +17,7 @@ from gossamer_fx.core.algebra.point_measures import (
     evaluated_here,
     translation_weight,
 )
-from gossamer_fx.core.model.body import Array, Body, is_on_mesh
+from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
@@ -134,7 +134,7 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         # A number of such a load, e.g. g of the weight of a film, changes these forces, too; only
         # the forms of the film are derived by it.
         for term, _ in self._loads:
-            if is_on_mesh(term.body):
+            if isinstance(term.body, MeshBody):
                 return f"'{term.name}' acts on masses attached to its body; leave them out"
         return ""
 

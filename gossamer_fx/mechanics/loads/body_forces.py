@@ -19,7 +19,7 @@ from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import OnBody, Parameter, Term, terms_of
+from gossamer_fx.core.model.terms import OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.loads.attached_loads import AttachedLoad
 from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler
@@ -58,7 +58,7 @@ class Gravity(OnBody):
         )
 
     def terms(self, start: State) -> Iterable[Term]:
-        for part in terms_of(self.body, start):
+        for part in self.body.terms(start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)
         # Masses that other items attach are not among the terms of the body; the system knows them.
@@ -131,7 +131,7 @@ class Centrifugal(OnBody):
         c = np.asarray(self.centre, dtype=float)
         # -Ω × (Ω × r) = (|Ω|² 1 - Ω Ωᵀ) r
         A = Ω @ Ω * np.eye(3) - np.outer(Ω, Ω)
-        for part in terms_of(self.body, start):
+        for part in self.body.terms(start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part, A, c)
         yield AttachedLoad(self.name, self.body, np.zeros(3), A, c)

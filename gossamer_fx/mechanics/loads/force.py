@@ -15,6 +15,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Frame, Line, bodies_of
@@ -25,14 +26,11 @@ History = Callable[[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
-class ConstantForce:
+class ConstantForce(PointForce):
     """Forces (3k,) [N] that never change, a vector that is one number of the load."""
 
     value: Array
     depends_on_position_only = True
-
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        """Nothing to prepare: the force is constant."""
 
     def force(self, X: Array) -> Array:
         return self.value
@@ -51,7 +49,7 @@ class ConstantForce:
         return np.eye(X.size)
 
 
-class ForceInTime:
+class ForceInTime(PointForce):
     """Force (3,) [N] as a function of time [s], taken where forces act, e.g. at the middle of the
     step; `factor` multiplies it, and is a parameter of gradients."""
 
@@ -111,7 +109,7 @@ class TorqueInTime(Couple):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Force:
+class Force(Item):
     """A force on a point of a body, or on each of several points; its work counts as supplied.
 
     Args:
@@ -169,7 +167,7 @@ class Force:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Torque:
+class Torque(Item):
     """A torque on a rigid body, a beam's section or a `RigidRegion`; its work counts as supplied.
 
     Args:

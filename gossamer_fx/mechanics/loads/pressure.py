@@ -22,9 +22,10 @@ It has no drag either; see `AirDrag`.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import ufl
 from dolfinx.mesh import Mesh
@@ -106,17 +107,17 @@ class Profile(NamedTuple):
     parameters: tuple[Parameter, ...]
 
 
-@runtime_checkable
-class Fluid(Protocol):
+class Fluid(ABC):
     """A fluid at rest."""
 
+    @abstractmethod
     def profile(self, g: float, mesh: Mesh) -> Profile:
         """The pressure under the acceleration g [m/s²] of gravity, with constants of a mesh."""
 
 
 @check_arguments
 @dataclass(frozen=True)
-class UniformFluid:
+class UniformFluid(Fluid):
     """A fluid of uniform density: p = p0 - ρ g (z - level), a liquid, or gas of little height.
 
     Args:
@@ -176,7 +177,7 @@ HIGHEST = LAYERS[-1].top
 
 @check_arguments
 @dataclass(frozen=True)
-class StandardAtmosphere:
+class StandardAtmosphere(Fluid):
     """The standard atmosphere of 1976, to a height of 86 km.
 
     Called with geopotential altitudes [m], between -5 km and 84.852 km, it returns pressures.

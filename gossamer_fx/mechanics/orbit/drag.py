@@ -12,6 +12,7 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx import Membrane, RigidBody
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import (
     Array,
     Assembly,
@@ -80,7 +81,7 @@ class ExponentialAtmosphere:
 
 
 @check_arguments
-class Drag:
+class Drag(Item):
     """Drag of free-molecular flow on the deformed triangles of a film, or on the surfaces of a
     rigid body.
 

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import Array, Vector, ask_numbers, check, is_vector, positive
 from gossamer_fx.mechanics.orbit.elements import Elements
 from gossamer_fx.mechanics.orbit.harmonics import (
@@ -43,7 +44,7 @@ ROTATION = 7.292115e-5  # rad/s, of the Earth
 SAME_CENTRE = 1e-3
 
 
-class Environment:
+class Environment(Item):
     """What attracts and lights a scene; its arguments are those of `Orbit`."""
 
     def __init__(

@@ -18,6 +18,7 @@ from gossamer_fx.extend import (
     Expr,
     Loads,
     MeshBody,
+    PointForce,
     PointLoad,
     PointLoads,
     Port,
@@ -73,7 +74,7 @@ class FlyingForce(Protocol):
         """Forces (..., k, 3) on vectors X (..., k, 3) and their mean rates."""
 
 
-class _ByComplexSteps:
+class _ByComplexSteps(PointForce):
     """A `FlyingForce` as a law of point loads, its derivative taken by complex steps, to
     round-off."""
 

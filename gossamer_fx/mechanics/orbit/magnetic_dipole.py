@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx import Frame
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import (
     Array,
     Port,
@@ -28,7 +29,7 @@ MomentHistory = Callable[[float], Sequence[float]]
 
 
 @check_arguments
-class MagneticDipole:
+class MagneticDipole(Item):
     """Torque m × B of the Earth's magnetic field B on a dipole m that is fixed in a frame.
 
     B is that of IGRF-14 at the position of the frame.  The torque is distributed to the directors

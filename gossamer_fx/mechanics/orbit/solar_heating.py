@@ -31,6 +31,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx import Membrane
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import (
     Array,
     Assembly,
@@ -167,7 +168,7 @@ class ThermalProperties:
 
 
 @check_arguments
-class SolarHeating:
+class SolarHeating(Item):
     """Temperature of the triangles of a film in orbit, heated by sunlight and cooled by radiation.
 
     The module describes the equation and its solution.  A film with thermal expansion expands by

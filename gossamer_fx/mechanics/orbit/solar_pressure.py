@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx import Membrane, RigidBody
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import (
     Array,
     Assembly,
@@ -51,7 +52,7 @@ Pixels = Annotated[int, Range(0, 8192)]
 
 
 @check_arguments
-class SolarPressure:
+class SolarPressure(Item):
     """Pressure of sunlight on the deformed triangles of a film, or on the surfaces of a rigid body;
     see `Optics`.
 
@@ -233,7 +234,7 @@ Direction = Sequence[float] | Callable[[float], Sequence[float]]
 
 
 @check_arguments
-class Sunlight:
+class Sunlight(Item):
     """Pressure of light from a given direction on the deformed triangles of a film; see `Optics`.
 
     In an orbit take `SolarPressure`, which knows distance and shadow, too.

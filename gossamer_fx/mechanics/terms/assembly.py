@@ -29,8 +29,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
-from typing import Any, ClassVar, Generic, Never, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Generic, Never, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -55,14 +54,14 @@ class ItemTerms:
     terms: Sequence[Term]
 
 
-@runtime_checkable
-class Assembly(Protocol):
+class Assembly(ABC):
     """What compiled terms and scalar unknowns see of the system.
 
     A step goes from q0 at `time` to q1, `h` seconds later; forces act at
     q_mid = (1-α) q0 + α q1, α = `rule.alpha`.
 
     Attributes:
+        initial: the state in which the scene starts.
         coordinates: of bodies on meshes, as functions for forms.
         state: the accepted state, at `time`.
         end: positions at the end of the step, as iterated.
@@ -75,6 +74,7 @@ class Assembly(Protocol):
     """
 
     comm: MPI.Intracomm
+    initial: InitialState
     bodies: list[Body]
     terms: list[Term]
     compiled: list[CompiledTerms[Never]]
@@ -94,16 +94,15 @@ class Assembly(Protocol):
     geometric: float
 
     @property
-    def initial(self) -> InitialState:
-        """The state in which the scene starts."""
-
-    @property
+    @abstractmethod
     def items(self) -> list[object]:
         """The items of the scene."""
 
+    @abstractmethod
     def block(self, body: Body) -> NumberedBlock:
         """The unknowns of a body in the numbering of the system."""
 
+    @abstractmethod
     def free_marks(self) -> PETSc.Vec:
         """A new vector with 0 at coordinates that are held, else 1."""
 
@@ -128,17 +127,6 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
     has_constant_stiffness: ClassVar[bool] = False
     # Names and values are separate, so that the ranks need to exchange numbers only.
     losses: Sequence[str] = ()
-
-    def __init_subclass__(cls) -> None:
-        """`TypeError`: a public name differs from one of the contract by a slip of the pen: the
-        default would act instead."""
-        super().__init_subclass__()
-        bases = (CompiledTerms, Multipliers, ActiveSet, HistoryVariables, Differentiable, Shown)
-        contract = {name for base in bases for name in vars(base)}
-        for name in vars(cls).keys() - contract:
-            meant = get_close_matches(name, contract, n=1, cutoff=0.9)
-            if meant:
-                raise TypeError(f"{cls.__name__}.{name} is never called; call it {meant[0]}.")
 
     @abstractmethod
     def __init__(self, terms: Sequence[KindOfTerm], system: Assembly) -> None: ...

@@ -166,6 +166,10 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             else:
                 force.evaluate()
 
+    def branches_of(self, body: MeshBody) -> list[Any]:
+        """The forces of viscoelastic branches of a body, whose stresses fields add."""
+        return []
+
     def add_forces(self, r: PETSc.Vec) -> None:
         """Add the internal forces of all terms on meshes at the present iterate to the residual.
         Collective."""

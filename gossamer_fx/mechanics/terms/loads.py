@@ -5,9 +5,10 @@ Loads on points are known on every rank and entered by the one that owns the fir
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import numpy as np
 import ufl
@@ -23,6 +24,7 @@ from gossamer_fx.core.algebra.point_measures import (
     translation_weight,
 )
 from gossamer_fx.core.algebra.rotations import cross_matrices
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.cell_loops import assembly
 from gossamer_fx.core.forms.compilation import compile_form
@@ -224,8 +226,15 @@ class LoadForces:
         return average
 
 
-class PointForce(Protocol):
-    """Force on attached vectors, evaluated alike on every rank."""
+class PointForce(ABC):
+    """Force on attached vectors, evaluated alike on every rank: the law of a `PointLoad`.
+
+    Attributes:
+        depends_on_position_only: whether it depends only on the configuration and time at which
+            forces act; others have gradients as a `ForceOfStart` only.
+    """
+
+    depends_on_position_only: bool = False
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Start a step from the state at its beginning.
@@ -236,35 +245,32 @@ class PointForce(Protocol):
             X: k attached vectors (3k,), points [m] or directors [-], one after the other.
             V: their rates (3k,), [m/s] or [1/s].
         """
+        return
 
+    @abstractmethod
     def force(self, X: Array) -> Array:
         """Forces (3k,) at the configuration X (3k,) in which forces act."""
 
+    @abstractmethod
     def tangent(self, X: Array) -> Array:
         """Derivatives (3k, 3k) of the forces by X (3k,)."""
 
-
-@runtime_checkable
-class NumberedForce(Protocol):
-    """A force with numbers that are parameters of its load."""
+    # ---- numbers that are parameters of its load -------------------------------------------------
 
     def get_number(self, key: str) -> Array:
         """The present value (m,) of a number or vector."""
+        raise KeyError(key)
 
     def with_number(self, key: str, value: Array) -> PointForce:
         """The force with another value (m,)."""
-
-
-@runtime_checkable
-class ForceWithNumbers(NumberedForce, Protocol):
-    """A force that knows its derivatives by these numbers."""
+        raise KeyError(key)
 
     def force_by_number(self, key: str, X: Array) -> Array:
-        """Derivatives (3k, m) of the forces at the configuration X (3k,) in which forces act."""
+        """Derivatives (3k, m) of the forces by a number, at the configuration X (3k,)."""
+        raise KeyError(key)
 
 
-@runtime_checkable
-class ForceOfStart(Protocol):
+class ForceOfStart(PointForce):
     """A force that depends also on the vectors and rates at the start of a step: of this step, or
     of an earlier one in which it stored numbers, such as the torque of a sampled control.
 
@@ -273,31 +279,21 @@ class ForceOfStart(Protocol):
     what `work_by_number` of earlier steps takes into account.
     """
 
+    @abstractmethod
     def start_adjoint(self) -> None:
         """Forget all sums: a backward pass begins."""
 
     def work_by_number(self, key: str, X: Array, w: Array) -> Array:
         """Derivative (m,) of w·force by a number, of this step and of later ones."""
+        raise KeyError(key)
 
+    @abstractmethod
     def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
         """Derivatives (3k,) of w·force by the vectors and by the rates at the start of the step.
 
         X (3k,) is the configuration in which forces act, w (3k,) a displacement; the dependence on
         X is left out.
         """
-
-
-@runtime_checkable
-class ForceOfPosition(Protocol):
-    """A force that says whether it depends only on the configuration and time at which forces
-    act."""
-
-    depends_on_position_only: bool
-
-
-def _is_of_position(law: PointForce) -> bool:
-    """Whether a law says that it depends on configuration and time only."""
-    return isinstance(law, ForceOfPosition) and law.depends_on_position_only
 
 
 class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
@@ -371,11 +367,11 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def get_number(self, term: PointLoad, key: str) -> Array:
-        return np.array(self._with_numbers(term).get_number(key), dtype=float)
+        return np.array(self._laws[self._terms.index(term)].get_number(key), dtype=float)
 
     def set_number(self, term: PointLoad, key: str, value: Array) -> None:
         # Laws are values that scenes share: a changed number needs another law.
-        changed = self._with_numbers(term).with_number(key, np.array(value, dtype=float))
+        changed = self._laws[self._terms.index(term)].with_number(key, np.array(value, dtype=float))
         self._laws[self._terms.index(term)] = changed
 
     def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
@@ -390,15 +386,8 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
         if isinstance(law, ForceOfStart):
             work: Array = -law.work_by_number(key, X, vectors)
         else:
-            assert isinstance(law, ForceWithNumbers), "a load with parameters derives by them"
             work = -law.force_by_number(key, X).T @ vectors
         return work if self._mine[k] else np.zeros(len(work))
-
-    def _with_numbers(self, term: PointLoad) -> NumberedForce:
-        """The law of a term that has parameters."""
-        law = self._laws[self._terms.index(term)]
-        assert isinstance(law, NumberedForce), "a load with parameters has them"
-        return law
 
     def start_adjoint(self) -> None:
         for law in self._laws:
@@ -438,7 +427,7 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
     def without_gradient(self) -> str:
         """A load that depends on velocities or on its history has none."""
         for term in self._terms:
-            if not _is_of_position(term.law) and not isinstance(term.law, ForceOfStart):
+            if not term.law.depends_on_position_only and not isinstance(term.law, ForceOfStart):
                 return (
                     f"'{term.name}' depends on more than positions and time, "
                     "without derivatives by the start of a step; "
@@ -446,6 +435,11 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
                     "or leave it out of the scene"
                 )
         return ""
+
+    def wheel_momentum(self) -> Array:
+        """Sum (3,) of the angular momenta [kg m²/s] of reaction wheels in the accepted state, this
+        rank's share."""
+        return np.zeros(3)
 
     def supplied(self) -> float:
         """Work [J] of the loads in the step, this rank's share."""
@@ -482,11 +476,18 @@ class PointLoad:
     parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = PointLoads
 
+    def __post_init__(self) -> None:
+        check(
+            isinstance(self.law, PointForce),
+            f"The law of the load '{self.name}' is a {type(self.law).__name__}; derive its class "
+            "from gossamer_fx.extend.PointForce.",
+        )
+
 
 # ---- torques -------------------------------------------------------------------------------------
 
 
-class Couple:
+class Couple(PointForce):
     """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i
     with
 
@@ -502,9 +503,6 @@ class Couple:
     def __init__(self) -> None:
         # T [N m], which subclasses set.
         self.torque: Array = np.zeros(3)
-
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        """Nothing to prepare for a constant torque; laws that change it in time override this."""
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
         """The matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] of the k attached vectors r (k, 3) [m], or

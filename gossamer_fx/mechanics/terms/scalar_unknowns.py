@@ -1,17 +1,16 @@
-"""Interfaces of a compiled scene for items that extend it: scalar unknowns and initial
-conditions."""
+"""Scalar unknowns of a scene, and the items that bring them."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.state import InitialState
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.mechanics.terms.assembly import Assembly, HistoryVariables
 
 
@@ -24,17 +23,6 @@ class ScalarTotals:
     supplied: float
     mass: float
     mass_supplied: float
-
-
-@runtime_checkable
-class InitialCondition(Protocol):
-    """Something that changes the initial state of a whole scene, after that of its bodies was
-    taken."""
-
-    name: str
-
-    def initialise(self, start: InitialState) -> None:
-        """Change coordinates or velocities, by `start.place` and `start.set_in_motion`."""
 
 
 class ScalarUnknowns(HistoryVariables):
@@ -152,11 +140,12 @@ class ScalarUnknowns(HistoryVariables):
         return True
 
 
-@runtime_checkable
-class BringsScalarUnknowns(Protocol):
-    """An item of a scene that brings scalar unknowns.
+class BringsScalarUnknowns(Item):
+    """An item that brings scalar unknowns.
 
-    `scalar_unknowns` compiles all items of its kind; items that name the same class share unknowns.
+    Attributes:
+        scalar_unknowns: compiles all items of its kind; items that name the same class share
+            unknowns.
     """
 
-    scalar_unknowns: type[ScalarUnknowns]
+    scalar_unknowns: ClassVar[type[ScalarUnknowns]]

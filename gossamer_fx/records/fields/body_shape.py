@@ -17,7 +17,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal
 from weakref import WeakSet
 
 import ufl
@@ -30,7 +30,11 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.core.model.state import State
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint, StressRule, gradient
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy, thermal_strain_of
+from gossamer_fx.mechanics.terms.element_energies import (
+    ElementEnergies,
+    StoredEnergy,
+    thermal_strain_of,
+)
 from gossamer_fx.solve.system.system import System
 
 if TYPE_CHECKING:
@@ -55,16 +59,9 @@ At = Literal["mean", "end"]
 PATH_POINTS = tuple((k + 0.5) / 20 for k in range(20))
 
 
-@runtime_checkable
-class _HasBranches(Protocol):
-    """Viscoelastic bodies, whose branches add a stress."""
-
-    def branches_of(self, body: MeshBody) -> list[Any]: ...
-
-
 def _branches_of(body: MeshBody, system: System) -> list[Any]:
     """The branches of a viscoelastic body in a compiled scene; none of other bodies."""
-    kinds = system.equations.compiled_as(_HasBranches)
+    kinds = system.equations.compiled_as(ElementEnergies)
     return [branch for compiled in kinds for branch in compiled.branches_of(body)]
 
 

@@ -65,7 +65,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
+from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -622,7 +622,7 @@ def field_values(
         True
     """
     check(
-        is_on_mesh(body),
+        isinstance(body, MeshBody),
         f"field_values: '{body.name}' has no mesh; ask for the fields of a film, cable or beam.",
     )
     fields = FieldFunctions(state.system, body, [field], at=at)

@@ -4,7 +4,7 @@ stresses of the last solution."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +21,9 @@ from gossamer_fx.core.algebra.point_measures import (
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.model.body import Array, Ground, Port, Vector
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import DrawnAsLines, Frame
+from gossamer_fx.core.model.item import Item
+from gossamer_fx.mechanics.bodies.frames import Between, DrawnAsLines, Frame
+from gossamer_fx.mechanics.constraints.latch import HoldDown
 from gossamer_fx.mechanics.terms.energies_in_time import EnergiesInTime
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multipliers_of
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergies, QuadraticEnergy
@@ -31,26 +31,8 @@ from gossamer_fx.mechanics.terms.rows import CompiledRows
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
 
-
-@runtime_checkable
-class NamedPart(Protocol):
-    """A support or joint of a scene."""
-
-    @property
-    def name(self) -> str: ...
-
-    def terms(self, start: State) -> Iterable[Term]: ...
-
-
-@runtime_checkable
-class Joint(NamedPart, Protocol):
-    """A joint of two sides, each a port or a frame."""
-
-    @property
-    def a(self) -> Any: ...
-
-    @property
-    def b(self) -> Any: ...
+# A joint of two sides, each a port or a frame, also one that is held until it is released.
+Joint = Between | HoldDown
 
 
 class GroundForce:
@@ -65,7 +47,7 @@ class GroundForce:
         InputError: the item is not in the scene, or is none of these.
     """
 
-    def __init__(self, system: System, item: NamedPart) -> None:
+    def __init__(self, system: System, item: Item) -> None:
         self._system = system
         terms = system.unknowns.terms_of(item)
         # A support fixes coordinates, or holds rotations by constraints with multipliers, or those
@@ -204,7 +186,7 @@ def _on_second_side(b: Any, first: list[Any], second: list[Any]) -> Callable[[Po
     return lambda port: any(port.body is body for body in second)
 
 
-def _not_found(system: System, item: NamedPart, wanted: str) -> str:
+def _not_found(system: System, item: Item, wanted: str) -> str:
     """Why the force of an item is not known as that of a support or joint, and what to ask for."""
     name = item.name
     for holder in system.unknowns.items:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.core.mesh.quality import box, corner_points, sizes
-from gossamer_fx.core.model.body import Body, is_body, is_on_mesh
+from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 from gossamer_fx.mechanics.terms.rows import AttachedKineticEnergy
 from gossamer_fx.solve.view import StateView
@@ -53,7 +53,9 @@ def describe(run: StateView) -> Description:
             "volume": state.volume,
             "mass": state.mass,
         }
-    items = {item.name: type(item).__name__ for item in run.scene.items if not is_body(item)}
+    items = {
+        item.name: type(item).__name__ for item in run.scene.items if not isinstance(item, Body)
+    }
     return {
         "unknowns": system.unknowns.numbering.size + system.matrices.scalar_count,
         "ranks": run.comm.size,
@@ -83,7 +85,7 @@ def _body(run: StateView, body: Body) -> Description:
         "mass": _mass(run, body),
         "box": [corner.tolist() for corner in box(run.comm, positions)],
     }
-    if is_on_mesh(body):
+    if isinstance(body, MeshBody):
         domain = body.space.mesh
         dimension = domain.topology.dim
         own_size = float(sizes(corner_points(domain)).sum())

@@ -22,12 +22,13 @@ import inspect
 import math
 import os
 import tokenize
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
 from types import FunctionType, MethodType, ModuleType
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -38,7 +39,7 @@ from gossamer_fx.core.checks.same_on_ranks import given_arguments, is_of_package
 from gossamer_fx.core.checks.strange_files import open_to_write, write_new
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Ground, Port
-from gossamer_fx.mechanics.terms.scalar_unknowns import InitialCondition
+from gossamer_fx.core.model.state import InitialCondition
 from gossamer_fx.solve.view import StateView
 
 # A value for JSON: None, bool, int, float, str, and lists and dictionaries of them.
@@ -239,45 +240,52 @@ RUN_FILES = (
 )
 
 
-@runtime_checkable
-class Output(Protocol):
-    """A record of a run: it reads the state after each step, and does not change it."""
+class Output(ABC):
+    """A record of a run: it reads the state after each step, and does not change it.
+
+    Attributes:
+        overwrite: whether it replaces what is there.  None: it replaces a file of its name, but not
+            one that belongs to the folder of a recorded run.
+    """
+
+    overwrite: bool | None = None
 
     @property
     def times(self) -> Sequence[float]:
         """Times [s] that the run must meet exactly."""
+        return ()
+
+    @property
+    def writes(self) -> Sequence[Path]:
+        """Files and folders that no other output and no other run may write."""
+        return ()
 
     def open(self, run: StateView) -> None:
         """Check the request and make the files; before anything is computed."""
+        return
 
+    @abstractmethod
     def record(self, run: StateView, last: bool) -> None:
         """Look at the state; at the start and after every step.  With `last` it is the last one."""
 
     def close(self, run: StateView) -> None:
         """Finish the files; also after a failure."""
+        return
 
 
-@runtime_checkable
-class Continued(Output, Protocol):
+class Continued(Output):
     """An output that continues at its position in a checkpoint; others start again after a
     restart."""
 
+    @abstractmethod
     def cursor(self) -> dict[str, Any]:
         """Its position, for JSON: numbers, words, lists and dictionaries, the same on every
         rank."""
 
+    @abstractmethod
     def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         """Remove what was written after the cursor, and continue there; called instead of
         `open`."""
-
-
-@runtime_checkable
-class Writing(Output, Protocol):
-    """An output that writes files."""
-
-    @property
-    def writes(self) -> Sequence[Path]:
-        """Files and folders that no other output and no other run may write."""
 
 
 def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
@@ -315,13 +323,12 @@ def begin(run: StateView, output: Output, cursors: list[tuple[str, dict[str, Any
 def check_no_other_run(comm: MPI.Intracomm, output: Output) -> None:
     """Refuse an output that would replace files of another run, or mix its own with them.
 
-    An output with the attribute `overwrite` owns all that it writes: unless that attribute is true,
-    none of its files may exist.  Any other output replaces a file of its name, but not one that
-    belongs to the folder of a recorded run.
+    One whose `overwrite` is not None owns all that it writes: unless that is true, none of its
+    files may exist.
     """
-    if not isinstance(output, Writing) or getattr(output, "overwrite", False):
+    if output.overwrite:
         return
-    owns_all = hasattr(output, "overwrite")
+    owns_all = output.overwrite is not None
 
     def look() -> None:
         for path in output.writes:

@@ -10,6 +10,7 @@ from typing import IO
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.fields.units import energy_words
+from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.solve.view import Account, StateView
 
 # Wall time [s] between two lines: on a terminal, where each replaces the one before, and in any
@@ -63,7 +64,7 @@ class StatusLine:
 
 
 @check_arguments
-class Progress:
+class Progress(Output):
     """Shows time, step, iterations and energy error of a run on rank 0, and a summary at its end.
 
     A terminal shows one line with the length of the step and the remaining wall time; any other

@@ -38,7 +38,7 @@ import numpy as np
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, on_rank_zero
 from gossamer_fx.core.drawing import Solid
-from gossamer_fx.core.model.body import Array, Attached, Body, Port, is_on_mesh
+from gossamer_fx.core.model.body import Array, Attached, Body, MeshBody, Port
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -48,6 +48,7 @@ from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.records.outputs.description import describe, versions
 from gossamer_fx.records.outputs.output import (
     RUN_FILES,
+    Continued,
     Every,
     Probe,
     Schedule,
@@ -152,7 +153,7 @@ _END_TOLERANCE = 1e-12
 
 
 @check_arguments
-class Recording:
+class Recording(Continued):
     """Writes the folder of a run; see the module for its files.
 
     Args:
@@ -242,7 +243,7 @@ class Recording:
     def open(self, run: StateView) -> None:
         """Check the request, and make all outputs.  Collective."""
         self._prepare(run)
-        self._clears_folder = self.overwrite
+        self._clears_folder = bool(self.overwrite)
         for _, output in self._outputs():
             output.open(run)
 
@@ -343,7 +344,7 @@ class Recording:
         """Make the outputs, and the part of run.json that does not change.  Collective."""
         make_parent(run.comm, self.folder / "run.json")
         films = [body for body in run.system.unknowns.bodies if isinstance(body, Membrane)]
-        names = [body.name for body in run.system.unknowns.bodies if is_on_mesh(body)]
+        names = [body.name for body in run.system.unknowns.bodies if isinstance(body, MeshBody)]
         for name in self.fields:
             check(
                 name in names,
@@ -371,7 +372,7 @@ class Recording:
         """The outputs of fields by the names of bodies: one for each body on a mesh."""
         outputs: dict[str, VTU] = {}
         for body in run.system.unknowns.bodies:
-            if not is_on_mesh(body):
+            if not isinstance(body, MeshBody):
                 continue
             output = VTU(
                 self.folder / "fields" / f"{file_name(body.name)}.pvd",
@@ -409,7 +410,7 @@ class Recording:
                 gas[f"{item.name} flow [kg/s]"] = GasFlow(item)
         points: dict[str, Probe] = {}
         for body in run.system.unknowns.bodies:
-            if not is_on_mesh(body):
+            if not isinstance(body, MeshBody):
                 for axis in AXES:
                     points[f"{body.name} {axis}"] = Position(Port(body, (0,)), axis)
         columns: dict[str, Mapping[str, Probe]] = {

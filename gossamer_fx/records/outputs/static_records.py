@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +17,23 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.quality import box
-from gossamer_fx.core.model.body import Array, Body, is_on_mesh
+from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Shown
 from gossamer_fx.records.fields.units import with_decimals
-from gossamer_fx.records.outputs.output import Output, Writing, begin
+from gossamer_fx.records.outputs.output import Output, begin
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.outputs.run_file import FileLocks
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import TIME, Account, Axis, StateView, chamber_state, chamber_states
+from gossamer_fx.solve.view import (
+    TIME,
+    Account,
+    Axis,
+    Sought,
+    StateView,
+    chamber_state,
+    chamber_states,
+)
 
 # Size of the motion in the record of a mode, over the largest side of the scene.
 AMPLITUDE_RATIO = 0.05
@@ -37,39 +45,18 @@ PERIOD_FRAMES = 24
 MODE_FIELDS = ("displacement", "mode_amplitude")
 
 
-@runtime_checkable
-class Sought(StateView, Protocol):
-    """A view whose state is searched for at a value of its load parameter: an `Equilibrium`."""
-
-    def find(self, at: float) -> object:
-        """Search for the state at a load parameter."""
-
-    def need(self, what: str) -> None:
-        """Raise `InputError` unless a state was found; `what` names the caller."""
-
-
-@runtime_checkable
-class ModeShape(Protocol):
+class ModeShape:
     """What a record reads of a mode; see `analysis.vibration.natural_modes.Mode` for shapes and
     units."""
 
-    @property
-    def frequency(self) -> float: ...
-
-    @property
-    def growth(self) -> float: ...
-
-    @property
-    def shape(self) -> npt.NDArray: ...
-
-    @property
-    def displacements(self) -> Mapping[str, npt.NDArray]: ...
-
-    @property
-    def effective_mass(self) -> Array: ...
+    frequency: float
+    growth: float
+    shape: npt.NDArray
+    displacements: Mapping[str, npt.NDArray]
+    effective_mass: Array
 
 
-class ModeView:
+class ModeView(StateView):
     """A mode at a phase of its period, as a view: q(t) = q0 + a Re(φ e^(iωt)), v its rate.
 
     The energies are those of small vibrations: their sum is constant, the kinetic one is ½ v·M v.
@@ -290,7 +277,7 @@ def record_modes(
         amplitude = AMPLITUDE_RATIO * _scene_size(equilibrium)
     fields = {}
     for body in equilibrium.system.unknowns.bodies:
-        if isinstance(body, Membrane) and is_on_mesh(body):
+        if isinstance(body, Membrane) and isinstance(body, MeshBody):
             fields[body.name] = MODE_FIELDS
     folders = []
     for number, mode in enumerate(modes, start=1):
@@ -323,8 +310,7 @@ class OpenedOutputs(ExitStack):
         self._outputs = outputs
         paths: list[Path] = []
         for output in outputs:
-            if isinstance(output, Writing):
-                paths += output.writes
+            paths += output.writes
         locks = FileLocks(view.comm, paths)
         try:
             for output in outputs:

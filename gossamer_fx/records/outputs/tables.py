@@ -20,7 +20,9 @@ from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.core.checks.strange_files import open_file, open_to_write, write_new
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import (
+    Continued,
     Every,
+    Output,
     Probe,
     Schedule,
     Times,
@@ -160,7 +162,7 @@ def _csv_line(values: Iterable[Any]) -> bytes:
     return line.getvalue().encode(errors="backslashreplace")
 
 
-class TableOutput:
+class TableOutput(Continued):
     """An output of a table, with a row for each step or time at which it is due.
 
     Args:
@@ -343,7 +345,7 @@ class Probes(TableOutput):
 
 
 @check_arguments
-class Series:
+class Series(Output):
     """Values of probes at the start and after every step, as arrays for scripts.
 
     `series[name]` is the array (n,) of the values of a probe, and `series.time` that of the times

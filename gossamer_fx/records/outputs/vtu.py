@@ -29,11 +29,11 @@ from dolfinx import fem
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
-from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
+from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions, check_fields, jumps
 from gossamer_fx.records.fields.units import with_unit
-from gossamer_fx.records.outputs.output import Every, Schedule, Times, make_parent
+from gossamer_fx.records.outputs.output import Continued, Every, Schedule, Times, make_parent
 from gossamer_fx.records.outputs.vtu_format import (
     DataArray,
     Entry,
@@ -52,7 +52,7 @@ _NUMBERED = re.compile(r"(?:mesh_)?(\d{5,})(?:_\d+)?\.vtu")
 
 
 @check_arguments
-class VTU:
+class VTU(Continued):
     """Fields of one body in VTU files, one for each time and rank, and a PVD file that lists them.
 
     The points are at their present positions, so that the deformed shape is seen without a filter;
@@ -157,7 +157,7 @@ class VTU:
 
     def _chosen_body(self, run: StateView) -> MeshBody:
         """The body whose fields are recorded: the given one, else the only one on a mesh."""
-        bodies = [one for one in run.system.unknowns.bodies if is_on_mesh(one)]
+        bodies = [one for one in run.system.unknowns.bodies if isinstance(one, MeshBody)]
         names = ", ".join(f"'{one.name}'" for one in bodies) or "none"
         if self.body is None:
             check(

@@ -17,7 +17,7 @@ from typing import Literal
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import OutputFailure, check, on_rank_zero
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.output import Schedule, Times, make_parent
+from gossamer_fx.records.outputs.output import Output, Schedule, Times, make_parent
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import by_state, colouring
@@ -34,7 +34,7 @@ MAX_SHAPES = 24
 NEVER = 10**9
 
 
-class DrawnRun:
+class DrawnRun(Output):
     """Base of outputs that record a run and draw a picture from the record when the run ends."""
 
     times: Sequence[float] = ()

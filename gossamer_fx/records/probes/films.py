@@ -29,6 +29,7 @@ from gossamer_fx.records.fields.best_surface import (
 from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import ForSystem, StateView
 
@@ -213,7 +214,7 @@ class StateArea(_FilmArea):
 
 
 @check_arguments
-class SurfaceError:
+class SurfaceError(Objective):
     """How far a film is from the plane, paraboloid or sphere that fits it best; see
     `gx.analysis.best_surface`.  The rms has a derivative, e.g. for `gx.analysis.gradient`.
 

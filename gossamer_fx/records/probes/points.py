@@ -11,9 +11,11 @@ from gossamer_fx.core.algebra.point_measures import attach, is_evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.records.fields.reactions import GroundForce, Joint, NamedPart, joint_force
+from gossamer_fx.records.fields.reactions import GroundForce, Joint, joint_force
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import ForSystem, StateView, chamber_state
 
@@ -38,7 +40,7 @@ GAS_UNITS: dict[GasQuantity, str] = {
 
 
 @check_arguments
-class Position:
+class Position(Objective):
     """Coordinate [m] of a point of a body.
 
     Args:
@@ -302,7 +304,7 @@ class Reaction:
 
     def __init__(
         self,
-        of: NamedPart,
+        of: Item,
         axis: AxisName,
         *,
         action: Literal["force", "moment"] = "force",
@@ -323,7 +325,7 @@ class Reaction:
 
     @classmethod
     def components(
-        cls, of: NamedPart, name: str, *, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        cls, of: Item, name: str, *, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> dict[str, Reaction]:
         """Probes of all six components by the names of their columns, "NAME force x [N]" to "NAME
         moment z [N m]", e.g. for `Series`, `outputs.Probes` or `Case`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal
 
 import numpy as np
 
@@ -12,17 +12,10 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, Port
 from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.terms.loads import PointLoads
 from gossamer_fx.records.probes.points import AXES, AxisName
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
-
-
-@runtime_checkable
-class _HasWheels(Protocol):
-    """What knows the angular momentum of reaction wheels."""
-
-    def wheel_momentum(self) -> Array:
-        """Sum (3,) [kg m²/s] of the wheels' angular momenta at q0, this rank's share."""
 
 
 @check_arguments
@@ -117,8 +110,8 @@ def angular_momentum_about_centre(run: StateView) -> Array:
     q = system.unknowns.q0.array_r[:size].reshape(-1, 3)
     # Directors have angular momentum, but no momentum.
     own = np.concatenate([is_position @ p, np.cross(q, p).sum(axis=0)])
-    for wheels in system.equations.compiled_as(_HasWheels):
-        own[3:] += wheels.wheel_momentum()
+    for loads in system.equations.compiled_as(PointLoads):
+        own[3:] += loads.wheel_momentum()
     momenta.destroy()
     sums = run.comm.allreduce(own)
     return sums[3:] - np.cross(centre_of_mass(system), sums[:3])

@@ -44,7 +44,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import basix
 import numpy as np
@@ -61,19 +61,11 @@ from gossamer_fx.core.checks.errors import (
 )
 from gossamer_fx.core.checks.strange_files import DAMAGED, check_inside, open_file
 from gossamer_fx.core.forms.backend import geometry_nodes
-from gossamer_fx.core.model.body import (
-    Attached,
-    Body,
-    MeshBody,
-    Port,
-    has_nodal_unknowns,
-    is_on_mesh,
-)
+from gossamer_fx.core.model.body import Attached, Body, MeshBody, Port, has_nodal_unknowns
 from gossamer_fx.records.outputs.output import (
     MEASURED,
     TOLERANCE,
     Known,
-    Output,
     arguments_of,
     cursors_of,
     make_parent,
@@ -83,7 +75,7 @@ from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import StateView
+from gossamer_fx.solve.view import StateView, SteppedRun
 from gossamer_fx.version import VERSION
 
 # A vertex, edge or cell has at most this many vertices; of fewer the last one is repeated, so that
@@ -237,7 +229,7 @@ def scene_of(
     """
     meshes: dict[str, Any] = {}
     for body in run.system.unknowns.bodies:
-        if is_on_mesh(body):
+        if isinstance(body, MeshBody):
             geometry = body.space.mesh.geometry
             x = geometry.x[: geometry.index_map().size_local]
             # The name covers the cells; these sums notice a mesh that is scaled or moved.  Of the
@@ -459,30 +451,6 @@ _STATE = {
 Cursors = list[tuple[str, dict[str, Any]]]
 
 
-class SavedRun(StateView, Protocol):
-    """What checkpoints read and restore of a run: its state and its outputs.
-
-    Attributes:
-        stepper: the time stepping rule that was given.
-        history: coordinates, velocities and history variables of the scene.
-        outputs: those of the run, whose positions in their files are saved with it.
-        recorded: whether the outputs have recorded the present state.
-        cursors: positions of the outputs before the present state, for the case that they have not.
-    """
-
-    stepper: Stepper
-    history: History
-    outputs: list[Output]
-    recorded: bool
-    cursors: Cursors
-
-    def get_history(self) -> dict[str, Any]:
-        """Its state beyond the history of the scene, for JSON; the same on every rank."""
-
-    def set_history(self, state: dict[str, Any]) -> None:
-        """Restore what `get_history` returned, after the history of the scene."""
-
-
 @check_arguments
 class Checkpoints:
     """Writes checkpoints of a run: at its start, at its end, and at intervals.
@@ -528,7 +496,7 @@ class Checkpoints:
         self.seconds = 0.0
         self._written: int | None = None  # step of the last checkpoint
 
-    def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
+    def open(self, run: SteppedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
         """Try whether the folder can be written, before anything is computed; the first checkpoint
         makes it.  Collective.
 
@@ -576,7 +544,7 @@ class Checkpoints:
             return None
         return self.folder / _folder_name(self._written)
 
-    def record(self, run: SavedRun, last: bool) -> None:
+    def record(self, run: SteppedRun, last: bool) -> None:
         """Write a checkpoint if it is due; called after the outputs have recorded the step.
         Collective.
         """
@@ -591,7 +559,7 @@ class Checkpoints:
         self._clock = time.monotonic()
         self.seconds += time.perf_counter() - started
 
-    def _is_due(self, run: SavedRun) -> bool:
+    def _is_due(self, run: SteppedRun) -> bool:
         """Whether the interval of steps or of time has passed; the same on every rank."""
         if self.every is not None and run.step % self.every == 0:
             return True
@@ -601,7 +569,7 @@ class Checkpoints:
         # Clocks differ: rank 0 decides.
         return bool(run.comm.bcast(elapsed >= 60 * self.minutes))
 
-    def _write(self, run: SavedRun) -> None:
+    def _write(self, run: SteppedRun) -> None:
         """Write a checkpoint of the present state by the algorithm of the module.  Collective.
 
         Folders of incomplete checkpoints (`.step-*`), a checkpoint of the same step, and those that
@@ -665,7 +633,7 @@ class Checkpoints:
             if path not in kept:
                 shutil.rmtree(path, ignore_errors=True)
 
-    def _arrays(self, run: SavedRun) -> dict[str, Any]:
+    def _arrays(self, run: SteppedRun) -> dict[str, Any]:
         """This rank's share of a checkpoint: arrays by name, for a file of NumPy.
 
         Args:
@@ -689,7 +657,7 @@ class Checkpoints:
             arrays[f"{CELL_VALUES} {name}"] = cell_values[:, None]
         return arrays
 
-    def _state(self, run: SavedRun) -> dict[str, Any]:
+    def _state(self, run: SteppedRun) -> dict[str, Any]:
         """The contents of run.json, except checksums; the same on every rank.  Collective.
 
         Args:
@@ -751,7 +719,7 @@ def latest_checkpoint(folder: str | Path) -> Path | None:
 
 
 def read(
-    run: SavedRun,
+    run: SteppedRun,
     restart: str | Path,
     scene: dict[str, Any],
     changes: Sequence[str],
@@ -776,7 +744,7 @@ def read(
 
 
 def _restore(
-    run: SavedRun,
+    run: SteppedRun,
     path: Path,
     state: dict[str, Any],
     scene: dict[str, Any],
@@ -813,7 +781,7 @@ def _restore(
     return [(kind, cursor) for kind, cursor in state["outputs"]]
 
 
-def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
+def _load_on_all(run: SteppedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     """The arrays that this rank reads of a checkpoint, see `_load`; if one rank cannot read its
     files, `InputError` on all.  Collective."""
     arrays: dict[str, Any] = {}
@@ -838,7 +806,7 @@ def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, 
     return arrays
 
 
-def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
+def _restore_vectors(run: SteppedRun, arrays: dict[str, Any]) -> None:
     """Set coordinates, velocities, other vectors and the history variables in cells.  Collective.
 
     Args:
@@ -861,7 +829,7 @@ def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
     _restore_cells(run, arrays)
 
 
-def _restore_cells(run: SavedRun, arrays: dict[str, Any]) -> None:
+def _restore_cells(run: SteppedRun, arrays: dict[str, Any]) -> None:
     """Set the history variables in cells from what all ranks have loaded.  Collective.
 
     Args:
@@ -938,7 +906,7 @@ def _damaged(path: Path, reason: str) -> str:
     return f"The checkpoint '{path}' is damaged ({reason}); {remedy}."
 
 
-def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
+def _load(run: SteppedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     """The shares of a checkpoint that this rank reads: of n ranks now, rank r reads the files r,
     r + n, r + 2 n, ...
 

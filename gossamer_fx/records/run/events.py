@@ -17,25 +17,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.records.outputs.output import Probe, evaluate_probe, of_item
 from gossamer_fx.solve.steppers.history import History
-from gossamer_fx.solve.steppers.stepping import Stepper, Stepping
-from gossamer_fx.solve.view import StateView
-
-
-class SteppedRun(StateView, Protocol):
-    """What events read of a run: a view with a time stepper and a log."""
-
-    stepper: Stepper
-
-    def log(self, words: str) -> None:
-        """Pass a line to the listeners of the log."""
-
+from gossamer_fx.solve.steppers.stepping import Stepping
+from gossamer_fx.solve.view import SteppedRun
 
 Action = Callable[[SteppedRun], object]
 

@@ -34,7 +34,7 @@ from gossamer_fx.core.checks.ending import (
 )
 from gossamer_fx.core.checks.errors import InputError, NotConverged, OutputFailure, check
 from gossamer_fx.core.model.state import Sampled
-from gossamer_fx.records.outputs.output import Output, Writing, begin, cursors_of
+from gossamer_fx.records.outputs.output import Output, begin, cursors_of
 from gossamer_fx.records.run.log import LOGGER
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
@@ -46,7 +46,14 @@ from gossamer_fx.solve.steppers.stepping import (
     even_step,
 )
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import TIME, Account, ClosingErrors, chamber_state, chamber_states
+from gossamer_fx.solve.view import (
+    TIME,
+    Account,
+    ClosingErrors,
+    SteppedRun,
+    chamber_state,
+    chamber_states,
+)
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.contract import ChamberState
@@ -68,7 +75,7 @@ HALVINGS = 8
 
 
 @check_arguments
-class Simulation:
+class Simulation(SteppedRun):
     """A run of a scene in time.
 
     Args:
@@ -215,8 +222,7 @@ class Simulation:
         """Lock all files and folders that this run writes; None if there are none.  Collective."""
         paths: list[Path] = []
         for output in self.outputs:
-            if isinstance(output, Writing):
-                paths += output.writes
+            paths += output.writes
         if self.checkpoints is not None:
             paths.append(self.checkpoints.folder)
         if not paths:

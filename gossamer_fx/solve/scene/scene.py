@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check, check_on_all
+from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.drawing import table
-from gossamer_fx.core.model.body import Array, Body, BringsCoordinates, Vector, is_body, is_on_mesh
-from gossamer_fx.core.model.state import BodyState, InitialState, Sampled
-from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, Term, terms_of
+from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector
+from gossamer_fx.core.model.item import Group, Item
+from gossamer_fx.core.model.state import BodyState, InitialCondition, InitialState, Sampled
+from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.assembly import ItemTerms
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
-from gossamer_fx.mechanics.terms.scalar_unknowns import (
-    BringsScalarUnknowns,
-    InitialCondition,
-    ScalarUnknowns,
-)
+from gossamer_fx.mechanics.terms.scalar_unknowns import BringsScalarUnknowns, ScalarUnknowns
 from gossamer_fx.solve.scene.validation import validate
 from gossamer_fx.solve.system.initial_state import initialise, take_shape_history
 from gossamer_fx.solve.system.system import System
@@ -29,7 +26,7 @@ from gossamer_fx.solve.system.system import System
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class RigidMotion:
+class RigidMotion(InitialCondition):
     """Adds a rigid motion to the initial velocities of all bodies: v + Ω × (x - c), and Ω × d for
     directors.
 
@@ -53,6 +50,7 @@ class RigidMotion:
     _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     name: str = "rigid motion"
+    stage: ClassVar[int] = 3
 
     def initialise(self, start: InitialState) -> None:
         """Add the motion to the rates of all bodies of the scene."""
@@ -67,7 +65,7 @@ class RigidMotion:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class StartFrom:
+class StartFrom(InitialCondition):
     """Takes the initial positions and directors from another compiled scene of the same bodies.
 
     The other scene is, for example, that of an equilibrium.  Axes and angles of hinges count from
@@ -103,6 +101,7 @@ class StartFrom:
     system: System
     _: KW_ONLY
     name: str = "start"
+    stage: ClassVar[int] = 2
 
     def initialise(self, start: InitialState) -> None:
         """Place all bodies of the scene as they are in the other one.  Velocities stay, and so do
@@ -122,7 +121,7 @@ class StartFrom:
         body = here.body
         there = self.system.unknowns.state.named(body.name)
         # Only a reduced film differs from its full one.
-        full = body.full if is_on_mesh(body) else body
+        full = body.full if isinstance(body, MeshBody) else body
         from_full = full is not body and there is not None and there.body is full
         check(
             there is not None and (from_full or there.body.block.size == body.block.size),
@@ -143,7 +142,7 @@ class StartFrom:
 
 def _is_reduced(body: Body) -> bool:
     """Whether a body is a reduced film."""
-    return is_on_mesh(body) and body.full is not body
+    return isinstance(body, MeshBody) and body.full is not body
 
 
 def _rates_of_turned(rates: Array, made: Array, placed: Array) -> Array:
@@ -164,31 +163,6 @@ def _rates_of_turned(rates: Array, made: Array, placed: Array) -> Array:
     turned = rates.copy()
     turned[:, 1:] = np.cross(spin[:, None] / 2, placed[:, 1:])
     return turned
-
-
-# What an item may bring; one that brings nothing would do nothing in a scene.
-BRINGS = {
-    "terms()": BringsTerms,
-    "coordinates (a body)": BringsCoordinates,
-    "initialise()": InitialCondition,
-    "scalar_unknowns": BringsScalarUnknowns,
-}
-
-
-@runtime_checkable
-class Item(Protocol):
-    """Anything that a scene may be made of.
-
-    It has a name, and does one or more of these:
-
-    `BringsTerms`           adds to the equations
-    `Body`                  brings coordinates
-    `InitialCondition`      changes the initial state of the whole scene
-    `BringsScalarUnknowns`  brings scalar unknowns, such as gas pressures
-    `RefersToItems`         needs other items, which join the scene by themselves
-    """
-
-    name: str
 
 
 @check_arguments
@@ -232,25 +206,17 @@ class Scene:
             "give one.",
         )
 
-    def _add(self, item: object) -> None:
+    def _add(self, item: Item) -> None:
         """Add an item and all that it refers to, each once."""
-        if not isinstance(item, Item):
-            raise InputError(
-                f"{item!r} is not an item of a scene; "
-                "give bodies, gas items, loads, constraints or connectors."
-            )
-        check(
-            any(isinstance(item, part) for part in BRINGS.values()),
-            f"'{item.name}' ({type(item).__name__}) is not a scene item: "
-            f"it defines none of {', '.join(BRINGS)}; "
-            "give it to what uses it, e.g. an obstacle to a Contact, an actuator to a Feedback, "
-            "an event to a Simulation.",
-        )
         if any(item is known for known in self.items):
             return
-        if isinstance(item, RefersToItems):
-            for other in item.requires():
-                self._add(other)
+        for other in item.requires():
+            check(
+                isinstance(other, Item),
+                f"'{item.name}' requires {other!r}, which is not an item of a scene; derive its "
+                "class from gossamer_fx.extend.Item.",
+            )
+            self._add(other)
         # After what it refers to: terms may need an item that is compiled before.
         self.items.append(item)
 
@@ -274,7 +240,7 @@ class Scene:
     @property
     def bodies(self) -> list[Body]:
         """Bodies of the scene, those that items ask for included."""
-        return [item for item in self.items if is_body(item)]
+        return [item for item in self.items if isinstance(item, Body)]
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -312,12 +278,9 @@ class Scene:
                 )
         start = InitialState(self.bodies, self.comm)
         conditions = [item for item in self.items if isinstance(item, InitialCondition)]
-        # Fold maps act first, then constraints, whose pieces follow the folded films, then another
-        # scene as start, and rigid motions, whose velocities are those where the bodies are.
-        late = (RigidMotion, StartFrom, BringsTerms)
-        for condition in sorted(conditions, key=lambda one: [isinstance(one, k) for k in late]):
+        for condition in sorted(conditions, key=lambda one: one.stage):
             condition.initialise(start)
-        items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
+        items = [ItemTerms(item, list(item.terms(start))) for item in self.items]
         system = System(start, items, rule or PathAverage())
         kinds: dict[type[ScalarUnknowns], list[object]] = {}
         for item in self.items:
@@ -336,17 +299,14 @@ class Scene:
 
 
 def _check_that_all_add(items: Sequence[Item], terms: Sequence[Sequence[Term]]) -> None:
-    """Refuse an item that adds nothing to a scene, neither itself nor by items that it refers to,
-    and that no other one refers to: what its user means would not be computed, without a word."""
-    required = [list(item.requires()) if isinstance(item, RefersToItems) else [] for item in items]
-    referred = [other for others in required for other in others]
-    roles = (InitialCondition, BringsScalarUnknowns, Sampled)
-    for item, brought, others in zip(items, terms, required, strict=True):
-        # An item may be no more than the name of a group of others.
-        has_role = is_body(item) or isinstance(item, roles) or bool(others)
+    """Refuse an item that adds nothing to a scene and that no other one refers to: what its user
+    means would not be computed, without a word."""
+    referred = [other for item in items for other in item.requires()]
+    roles = (Body, InitialCondition, BringsScalarUnknowns, Sampled, Group)
+    for item, brought in zip(items, terms, strict=True):
         check(
-            bool(brought) or has_role or any(item is other for other in referred),
+            bool(brought) or isinstance(item, roles) or any(item is other for other in referred),
             f"'{item.name}' ({type(item).__name__}) adds nothing to the scene, as its terms() are "
             "empty; leave it out, or derive a volume, an opening or a wall of gas from "
-            "gossamer_fx.extend.Volume, Opening or Wall.",
+            "gossamer_fx.extend.Volume, Opening or Wall, and what only brings others from Group.",
         )

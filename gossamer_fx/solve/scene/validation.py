@@ -32,7 +32,7 @@ from gossamer_fx.core.mesh.quality import (
     share_of_bent_edges,
     turned_inside,
 )
-from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh
+from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 
@@ -104,7 +104,7 @@ def warnings(items: list[Any]) -> Iterator[str]:
     probably wrong; the same on all ranks.  Collective, also in between: each rank has to iterate to
     the end."""
     for item in items:
-        if is_body(item) and is_on_mesh(item):
+        if isinstance(item, Body) and isinstance(item, MeshBody):
             yield from _of_mesh(item)
             yield from _of_strain(item)
             yield from _of_displacement(item)

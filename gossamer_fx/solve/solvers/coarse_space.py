@@ -61,7 +61,7 @@ from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.core.algebra.numbering import PREFIX
 from gossamer_fx.core.forms.backend import cell_nodes
-from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns, is_on_mesh
+from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns
 from gossamer_fx.solve.system.system import System
 
 Indices = npt.NDArray[np.integer]
@@ -288,7 +288,7 @@ def prolongation(
                 division = Division(patch, owner, MPI.COMM_SELF)
             is_free_at_node = is_free[owned].reshape(-1, body.block.size)
             rows, columns, values, owners = basis(X, is_free_at_node, division)
-        elif has_directors and not is_on_mesh(body):
+        elif has_directors and not isinstance(body, MeshBody):
             rows = np.flatnonzero(is_free[owned])
             values = np.ones(len(rows))
             owners = np.full(len(rows), numbering.comm.rank)

@@ -17,7 +17,7 @@ from gossamer_fx.mechanics.terms.element_energies import ElementEnergies
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.steppers.stepping import check_step
+from gossamer_fx.solve.steppers.stepping import Stepper, StepSolver, check_step
 from gossamer_fx.solve.system.system import System
 
 LOG = logging.getLogger("gossamer_fx")
@@ -29,7 +29,7 @@ TRIAL_STEP_RATIO = 1e-3
 
 @check_arguments
 @dataclass(frozen=True)
-class GeneralizedAlpha:
+class GeneralizedAlpha(Stepper):
     """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803).
 
     Second order in `dt`.  Equilibrium and constraints hold at the end of the step, and positions
@@ -69,14 +69,11 @@ class GeneralizedAlpha:
     spectral_radius: Annotated[float, Range(0.0, 1.0)] = 0.8
     _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
+    # The stress at the end of a step acts in it.
+    rule = EndPoint()
 
     def __post_init__(self) -> None:
         check_step(self)
-
-    @property
-    def rule(self) -> EndPoint:
-        """Which stress acts in a step: that of its end."""
-        return EndPoint()
 
     def start(self, system: System) -> GeneralizedAlphaSolver:
         """The method at work on a compiled system, which has no contact and no latch."""
@@ -111,7 +108,7 @@ class GeneralizedAlpha:
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
 
 
-class GeneralizedAlphaSolver:
+class GeneralizedAlphaSolver(StepSolver):
     """Makes steps of the generalised-α method on a compiled system, one at a time; its history
     variables are the vectors a0 and (dv/dt)_0 of (2)."""
 

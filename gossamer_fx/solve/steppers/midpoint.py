@@ -14,7 +14,7 @@ from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage as PathAve
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.steppers.stepping import check_step
+from gossamer_fx.solve.steppers.stepping import Stepper, StepSolver, check_step
 from gossamer_fx.solve.system.system import System
 
 # Number of tangents at the start of a step without geometric stiffness, where a step is delayed.
@@ -29,7 +29,7 @@ DELAYED_STEPS = 20
 
 @check_arguments
 @dataclass(frozen=True)
-class Midpoint:
+class Midpoint(Stepper):
     """Implicit midpoint rule with path-averaged stress: second order in `dt`.
 
         (q1 - q0)/h = (v0 + v1)/2
@@ -68,7 +68,7 @@ class Midpoint:
         return MidpointSolver(system, self.tolerances)
 
 
-class MidpointSolver:
+class MidpointSolver(StepSolver):
     """Makes steps of the midpoint rule on a compiled system, one at a time; the rule has no history
     variables."""
 

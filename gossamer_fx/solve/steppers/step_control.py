@@ -56,7 +56,7 @@ from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.steppers.history import History
-from gossamer_fx.solve.steppers.stepping import StepSolver, step_failure
+from gossamer_fx.solve.steppers.stepping import Carrier, Control, Stepping, StepSolver, step_failure
 from gossamer_fx.solve.system.connected_parts import Labels, connected
 from gossamer_fx.solve.system.system import System
 
@@ -70,7 +70,7 @@ SMALLEST_STEP_RATIO = 1e-6
 
 @check_arguments
 @dataclass(frozen=True)
-class StepControl:
+class StepControl(Control):
     """Lets steps grow and shrink; the stepper's `dt` is the first step.
 
     See the module for the rule.  Energy, momenta and masses are conserved for every sequence of
@@ -126,7 +126,7 @@ class StepControl:
         return ControlledSteps(self, system, solver, dt)
 
 
-class ControlledSteps:
+class ControlledSteps(Stepping, Carrier):
     """The steps of a run whose lengths a `StepControl` chooses; see `Stepping` for the
     attributes."""
 

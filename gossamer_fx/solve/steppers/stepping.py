@@ -15,13 +15,16 @@ supports do not change; the work of those that move counts as supplied.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, Protocol, runtime_checkable
+from types import MappingProxyType
+from typing import Any
 
 from petsc4py import PETSc
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check
+from gossamer_fx.mechanics.terms.assembly import HistoryVariables
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
@@ -36,30 +39,35 @@ ALLOWED_EXCESS = 1e-6
 SMALLEST_STEP = 1e-100
 
 
-@runtime_checkable
-class Carrier(Protocol):
-    """A stepper or step control with history variables."""
+class Carrier(HistoryVariables):
+    """A stepper or step control with history variables.
 
-    @property
-    def vectors(self) -> Mapping[str, PETSc.Vec]:
-        """Vectors of the system, which are copied, not replaced, when a state is restored."""
+    Attributes:
+        vectors: of the system, which are copied, not replaced, when a state is restored.
+    """
+
+    vectors: Mapping[str, PETSc.Vec] = MappingProxyType({})
 
     def get_history(self) -> dict[str, Any]:
-        """All other history variables, as numbers, strings and lists; the same on every rank."""
+        return {}
 
     def set_history(self, state: dict[str, Any]) -> None:
-        """Restore what `get_history` returned."""
+        return
 
 
-class StepSolver(Carrier, Protocol):
-    """A time stepper at work on a system; one without history variables has no `vectors`, and an
-    empty state."""
+class StepSolver(Carrier):
+    """A time stepper at work on a system.
+
+    Attributes:
+        newton: the solver of its equations.
+        error_constant: C of the local error C h³ q''' of positions in a step of length h, by which
+            `StepControl` chooses steps.
+    """
 
     newton: Newton
-    # C of the local error C h³ q''' of positions in a step of length h, by which `StepControl`
-    # chooses steps.
     error_constant: float
 
+    @abstractmethod
     def step(self, h: float) -> int:
         """Advance the system by one step of length h [s], and commit it; returns the number of
         Newton iterations.  Collective.
@@ -73,18 +81,18 @@ class StepSolver(Carrier, Protocol):
         """
 
 
-@runtime_checkable
-class Stepper(Protocol):
-    """A time stepper, such as `Midpoint`: its first step length, and its stress rule."""
+class Stepper(ABC):
+    """A time stepper, such as `Midpoint`.
 
-    @property
-    def dt(self) -> float:
-        """Step [s]."""
+    Attributes:
+        dt: its first step [s].
+        rule: which stress acts in a step.
+    """
 
-    @property
-    def rule(self) -> StressRule:
-        """Which stress acts in a step."""
+    dt: float
+    rule: StressRule
 
+    @abstractmethod
     def start(self, system: System) -> StepSolver:
         """The stepper at work on a compiled system."""
 
@@ -97,14 +105,20 @@ def check_step(stepper: Stepper) -> None:
     )
 
 
-class Stepping(Protocol):
-    """A sequence of steps of a run: the wanted length of the next one [s], unless the run must meet
-    an earlier time, Newton iterations of all converged steps, and the number of rejected steps."""
+class Stepping(ABC):
+    """A sequence of steps of a run.
+
+    Attributes:
+        wanted: length of the next step [s], unless the run must meet an earlier time.
+        iterations: Newton iterations of all converged steps.
+        substeps: number of rejected steps.
+    """
 
     wanted: float
     iterations: int
     substeps: int
 
+    @abstractmethod
     def advance(self, h: float) -> None:
         """Advance the run by h [s], or by less.  Collective.
 
@@ -114,15 +128,15 @@ class Stepping(Protocol):
         """
 
 
-@runtime_checkable
-class Control(Protocol):
+class Control(ABC):
     """A choice of step lengths, such as `StepControl`."""
 
+    @abstractmethod
     def start(self, system: System, solver: StepSolver, dt: float) -> Stepping:
         """The steps of a run, the first of which has the length dt [s]."""
 
 
-class EqualSteps:
+class EqualSteps(Stepping):
     """Steps of equal length dt [s]; a step that fails is divided into halves, and these again, down
     to dt/2^halvings."""
 

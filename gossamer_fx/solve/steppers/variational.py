@@ -44,7 +44,7 @@ from gossamer_fx.mechanics.materials.film import CLaw
 from gossamer_fx.mechanics.terms.discrete_gradient import PathEnergy, StressRule, gradient
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.steppers.midpoint import MidpointSolver
-from gossamer_fx.solve.steppers.stepping import check_step
+from gossamer_fx.solve.steppers.stepping import Stepper, check_step
 from gossamer_fx.solve.system.system import System
 
 
@@ -66,7 +66,7 @@ class StressInMiddle(StressRule):
 
 @check_arguments
 @dataclass(frozen=True)
-class VariationalMidpoint:
+class VariationalMidpoint(Stepper):
     """Variational integrator: discrete Euler-Lagrange equations with midpoint quadrature.
 
     Second order in `dt`, symplectic, and with exact momentum and angular momentum.  The energy is
@@ -95,13 +95,11 @@ class VariationalMidpoint:
     _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
 
+    # The stress in the middle of a step acts in it.
+    rule = StressInMiddle()
+
     def __post_init__(self) -> None:
         check_step(self)
-
-    @property
-    def rule(self) -> StressInMiddle:
-        """Which stress acts in a step: that of its middle."""
-        return StressInMiddle()
 
     def start(self, system: System) -> MidpointSolver:
         """The rule at work on a compiled system, which has no contact and no gas."""

@@ -12,17 +12,23 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
-from gossamer_fx.core.model.body import Array, Body, is_on_mesh
+from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.terms.assembly import CompiledTerms, Compiler, ItemTerms, Multipliers
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    ItemTerms,
+    Multipliers,
+)
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.supports import Support, Supports
 from gossamer_fx.solve.system.increment import Increment
 
 
-class Unknowns:
+class Unknowns(Assembly):
     """The coordinates of all bodies in one vector, and behind them Lagrange multipliers, which have
     no mass and no rate.  Scalar unknowns, such as gas pressures, are not among them.
 
@@ -97,7 +103,7 @@ class Unknowns:
         self.state = State(self.bodies, self.comm, self.q0, self.v0)
         self.end = State(self.bodies, self.comm, self.q1, self.v0)
         self.coordinates: dict[Body, Coordinates] = {
-            body: body.coordinates(rule.alpha) for body in self.bodies if is_on_mesh(body)
+            body: body.coordinates(rule.alpha) for body in self.bodies if isinstance(body, MeshBody)
         }
         self.position_marks = self._mark_positions()
         self.compiled: list[CompiledTerms[Never]] = []

@@ -18,6 +18,10 @@
 int kind_count(void);
 const char *kind_name(int kind);
 
+/* Make a kind that of boundaries whose distance is a law (core/laws): the address of its function of
+   (r.r, r.a, r.b, a.a, a.b, b.b, shape), with two orders of derivatives by the first six. */
+void set_boundary_law(int kind, uintptr_t law);
+
 enum contact_law { BARRIER, PENALTY };
 
 /* What a pair does in a step: nothing, it has a force, or it is pushed back since it passed

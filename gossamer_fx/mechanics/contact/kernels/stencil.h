@@ -3,7 +3,8 @@
    A pair is four points, from which it has three vectors r, a, b.  Its stencil says what the
    distance function s of these vectors is, with its derivatives by the six measures e.  Everything
    else (broad phase, continuous collision, energy, forces, tangents) asks the stencil.  A new kind
-   is a row of STENCILS in stencils.c, and the class of the same name and number in Python. */
+   is a row of STENCILS in stencils.c, and the class of the same name and number in Python; that of a
+   boundary may also be a law (core/laws), see LawBoundary in pairs.py. */
 #ifndef GOSSAMER_STENCIL_H
 #define GOSSAMER_STENCIL_H
 
@@ -33,6 +34,9 @@ struct stencil {
        `hessian` is not NULL, weight times d2s/de2 is added to it. */
     double (*boundary)(double shape, const double measures[6], double gradient[6],
                    double (*hessian)[6], double weight);
+    /* Instead: a law of the measures and the number of the pair, which sets its value, and if they
+       are not NULL its derivatives by the measures, (6) and (6, 6). */
+    void (*law)(const double *x, double *s, double *gradient, double *hessian);
 
     /* Two surfaces: s of the vectors and the parameters (u, v) of the closest points, not rounded;
        s of the vectors in a frame and ds/de; and the derivatives at some measures. */
@@ -42,14 +46,29 @@ struct stencil {
                         double (*hessian)[6], double weight);
 };
 
-extern const stencil STENCILS[];
+extern stencil STENCILS[];
 
 static inline double shape_of(const pair_list *pairs, ptrdiff_t i)
 {
     return pairs->shape ? pairs->shape[i] : 0;
 }
 
-static inline int is_boundary(const stencil *of) { return of->boundary != NULL; }
+static inline int is_boundary(const stencil *of) { return of->boundary || of->law; }
+
+/* s of a boundary, see `boundary` of a stencil. */
+static inline double boundary_distance(const stencil *of, double shape, const double measures[6],
+                                       double gradient[6], double (*hessian)[6], double weight)
+{
+    if (!of->law) return of->boundary(shape, measures, gradient, hessian, weight);
+    double x[7], s, second[36];
+    memcpy(x, measures, 6 * sizeof *x);
+    x[6] = shape;
+    of->law(x, &s, gradient, hessian ? second : NULL);
+    if (hessian)
+        for (int m = 0; m < 6; ++m)
+            for (int k = 0; k < 6; ++k) hessian[m][k] += weight * second[6 * m + k];
+    return s;
+}
 
 /* ds/de at some measures; if `hessian` is not NULL, weight times d2s/de2 is added to it. */
 static inline void distance_derivatives(const pair_frame *frame, const double measures[6],
@@ -57,7 +76,7 @@ static inline void distance_derivatives(const pair_frame *frame, const double me
 {
     memset(gradient, 0, 6 * sizeof *gradient);
     if (is_boundary(frame->of))
-        frame->of->boundary(frame->shape, measures, gradient, hessian, weight);
+        boundary_distance(frame->of, frame->shape, measures, gradient, hessian, weight);
     else frame->of->derivatives(frame, measures, gradient, hessian, weight);
 }
 
@@ -69,7 +88,7 @@ static inline double pair_distance(const pair_frame *frame, const pair_vectors *
     double measures[6];
     memset(gradient, 0, 6 * sizeof *gradient);
     measures_of(vectors, measures);
-    return frame->of->boundary(frame->shape, measures, gradient, NULL, 0);
+    return boundary_distance(frame->of, frame->shape, measures, gradient, NULL, 0);
 }
 
 /* s at some vectors, not rounded, and the parameters of the closest points; zero for boundaries. */
@@ -80,7 +99,7 @@ static inline double closest_distance(const stencil *of, double shape, const pai
     double measures[6], gradient[6];
     parameters[0] = parameters[1] = 0;
     measures_of(vectors, measures);
-    return of->boundary(shape, measures, gradient, NULL, 0);
+    return boundary_distance(of, shape, measures, gradient, NULL, 0);
 }
 
 /* The frame of a pair before `move_base`; rounding is a part of the width [m^2], or of its square if
