@@ -98,7 +98,7 @@ def group() -> Iterator[Path]:
 def test_a_command_that_the_system_kills_for_lack_of_memory_says_so(
     tmp_path: Path, group: Path, ranks: int
 ) -> None:
-    lines = ["import gossamer_fx as gx", "", "def build(comm):", "    x = bytes(2**28)"]
+    lines = ["import gossamer_fx as gx", "", "def build(comm):", "    x = b'x' * 2**28"]
     (tmp_path / "scene.py").write_text("\n".join(lines))
     words = ["-m", "gossamer_fx", "run", "scene.py", "-n", str(ranks)]
     done = subprocess.run(
