@@ -92,7 +92,7 @@ def check_geometry(path: Path, time_limit: float, has_names: bool = True) -> Non
         faces, solids, copies = _counts(file, (_FACES[kind], _SOLIDS[kind], _COPIES))
     solids = max(solids, copies)
     seconds = _SECONDS_OF_FACE[kind] * faces
-    remedy = "give a larger time_limit, or write the parts that you need to a file of their own"
+    remedy = "give a larger time_limit, or write a file with the parts that you need"
     if kind == ".stl":
         if not faces:
             seconds = _SECONDS_OF_FACE[kind] * size / _BINARY_TRIANGLE

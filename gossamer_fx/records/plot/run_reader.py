@@ -550,8 +550,7 @@ def _numbers_of(file: TextIO) -> tuple[list[str], Array]:
 def _at_time(table: tuple[Array, Array], time: float) -> Array:
     """The vectors (k, size) of a table in the row whose time is nearest; zeros without rows."""
     times, vectors = table
-    # Many runs have none of a kind: to search the times of all their states takes longer than all
-    # the rest of an export.
+    # Without a vector the search of the time would take longer than all else in an export.
     if not vectors.size:
         return np.zeros(vectors.shape[1:])
     return vectors[int(abs(times - time).argmin())]
