@@ -52,6 +52,9 @@ Indices = npt.NDArray[np.int64]
 # The volume of (3) is linear across a strip in x and in w, and constant in x,r: degree 2 in r.
 QUADRATURE_DEGREE_ACROSS = 2
 
+# Area of a ring over the square of its length, up to which it is round-off.
+CLOSED = 1e-13
+
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
@@ -185,7 +188,8 @@ class Loop:
         area_vector = self._area_vector(xs, xr)
         size = float(np.linalg.norm(area_vector))
         gradient = np.zeros_like(X)
-        if size == 0:
+        length = float(self._weights @ np.linalg.norm(xs, axis=-1).sum(axis=0))
+        if size <= CLOSED * length**2:
             # A closed ring opens in no direction more than in another.
             return gradient
         e = np.broadcast_to(area_vector / size, xs.shape)
