@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+import time
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +25,10 @@ Description = dict[str, Any]
 
 # Packages whose versions may change results; they are recorded with a run.
 _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh")
+
+# Digits of a commit, and characters of a command line, that are recorded with a run.
+_COMMIT_DIGITS = 10
+_LONGEST_COMMAND = 500
 
 
 def describe(run: StateView) -> Description:
@@ -134,6 +143,48 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return found
+
+
+def origin() -> dict[str, str]:
+    """What makes a run: the command line, the time, and the commit of this package if it is that of
+    a checkout."""
+    found = {"command": _command(), "date": time.strftime("%Y-%m-%d %H:%M"), "commit": _commit()}
+    return {name: value for name, value in found.items() if value}
+
+
+def _command() -> str:
+    """The command line, with the package by its name and a script by that of its file."""
+    program = Path(sys.argv[0] if sys.argv else "")
+    name = "gossamer" if program.name == "__main__.py" else program.name
+    words = sys.argv[1:]
+    # The folder is where the page is.
+    return shlex.join([name, *words])[:_LONGEST_COMMAND]
+
+
+@cache
+def _commit() -> str:
+    """The commit of the checkout that this package is in, without a call of git; empty if it is in
+    none, e.g. as it is installed."""
+    try:
+        folder = Path(__file__).parents[3] / ".git"
+        # In a further work tree it is a file that names the folder.
+        if folder.is_file():
+            folder = Path(folder.read_text().removeprefix("gitdir:").strip())
+        head = (folder / "HEAD").read_text().strip()
+        if not head.startswith("ref: "):
+            return head[:_COMMIT_DIGITS]
+        reference = head.removeprefix("ref: ")
+        common = folder / "commondir"
+        if common.is_file():
+            folder = folder / common.read_text().strip()
+        if (folder / reference).is_file():
+            return (folder / reference).read_text().strip()[:_COMMIT_DIGITS]
+        for line in (folder / "packed-refs").read_text().splitlines():
+            if line.endswith(f" {reference}"):
+                return line[:_COMMIT_DIGITS]
+    except (OSError, ValueError):
+        pass
+    return ""
 
 
 def lines(about: Mapping[str, Any]) -> list[str]:

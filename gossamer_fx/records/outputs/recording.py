@@ -45,7 +45,7 @@ from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.body_shape import At, has_unknown_stress
 from gossamer_fx.records.fields.fields import groups_of
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
-from gossamer_fx.records.outputs.description import describe, versions
+from gossamer_fx.records.outputs.description import describe, origin, versions
 from gossamer_fx.records.outputs.output import (
     RUN_FILES,
     Continued,
@@ -363,6 +363,7 @@ class Recording(Continued):
             "at": self.at,
             "solids": [as_data(solid) for solid in self._solids],
             "versions": versions(),
+            "origin": origin(),
             "ranks": run.comm.size,
         }
         if any("group" in output.fields for output in self._fields.values()):

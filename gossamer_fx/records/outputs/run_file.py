@@ -248,6 +248,7 @@ _RUN = {
     "groups?": [str],
     "solids?": [_SOLID],
     "versions": {str: str},
+    "origin?": {str: str},
     "captions": [str],
     "result?": {str: object},
     "summary?": str,

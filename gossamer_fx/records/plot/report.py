@@ -20,10 +20,13 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, output_failures
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.records.outputs.description import lines, number_text
+from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.records.plot import plot as pictures
+from gossamer_fx.records.plot.answers import HEAD as ANSWERS_HEAD
+from gossamer_fx.records.plot.answers import answers, is_round_off, ledger_unit
 from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import default_field
 from gossamer_fx.records.plot.curve_panels import STORED, Curves, run_curves
@@ -114,9 +117,8 @@ def write_report(run: RunReader, path: str | Path) -> None:
     )
     path = file_to_write(path)
     text = "\n".join(_page(run))
-    with output_failures(path):
-        # A file name or a title may hold half of a surrogate pair, which has no UTF-8.
-        path.write_text(text, encoding="utf-8", errors="replace")
+    # A file name or a title may hold half of a surrogate pair, which has no UTF-8.
+    replace_file(path, text.encode("utf-8", errors="replace"))
 
 
 def _page(run: RunReader) -> Iterable[str]:
@@ -126,6 +128,10 @@ def _page(run: RunReader) -> Iterable[str]:
     yield page_head(run.title)
     kind, words = status_words(run.about)
     yield f'<p class="{kind}">{escape(words)}</p>'
+    yield f'<p class="status">{escape(_origin(run))}</p>'
+    rows = list(answers(run))
+    if rows:
+        yield "<h2>Answers</h2>" + _table(ANSWERS_HEAD, rows)
     if shows_scene:
         field = default_field(run)
         yield VIEW
@@ -142,7 +148,7 @@ def _page(run: RunReader) -> Iterable[str]:
         yield "<h2>Equilibria</h2>" + _table(_EQUILIBRIA_HEAD, _equilibria(run, ledger))
         yield f"<p>{_SUPPLIED_NOTE}</p>"
     elif run.kind == "run":
-        yield "<h2>Ledger</h2>" + _table(_LEDGER_HEAD, _ledger(run, ledger))
+        yield "<h2>Balances</h2>" + _table(_LEDGER_HEAD, _ledger(run, ledger))
     prestress = run.about.get("prestress", {})
     if prestress:
         yield "<h2>Prestress</h2>" + _table(_PRESTRESS_HEAD, _prestress(prestress))
@@ -155,6 +161,19 @@ def _page(run: RunReader) -> Iterable[str]:
     if shows_scene:
         yield view_scripts(RunView(run).whole())
     yield "</body></html>"
+
+
+def _origin(run: RunReader) -> str:
+    """What was run, when, and by which version."""
+    origin = run.about.get("origin", {})
+    versions = run.about["versions"]
+    program = f"gossamer_fx {versions.get('gossamer_fx', 'of an unknown version')}"
+    if origin.get("commit"):
+        program += f", commit {origin['commit']}"
+    ranks = run.about["scene"]["ranks"]
+    parts = [origin.get("command", ""), origin.get("date", ""), program]
+    parts.append("one rank" if ranks == 1 else f"{ranks} ranks")
+    return "; ".join(part for part in parts if part)
 
 
 def page_head(title: str, sources: str = "img-src data:") -> str:
@@ -260,12 +279,17 @@ def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str
 
 
 def _ledger(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
-    """Start, end and largest magnitude of each column that is not zero throughout."""
+    """Start, end and largest magnitude of each column that is neither zero nor round-off
+    throughout."""
     for name, values in ledger.items():
-        if name not in (*run.not_values, "iterations", "substeps") and values.any():
+        if name in (*run.not_values, "iterations", "substeps") or not values.any():
+            continue
+        if not is_round_off(name, run, ledger):
             largest = values[int(np.abs(values).argmax())]
             numbers = (values[0], values[-1], largest)
-            yield name.replace("_", " "), *(f"{value:.6g}" for value in numbers)
+            unit = ledger_unit(name)
+            words = name.replace("_", " ") + (f" [{unit}]" if unit else "")
+            yield words, *(f"{value:.6g}" for value in numbers)
 
 
 def _prestress(parts: Mapping[str, Mapping[str, Any]]) -> Iterable[tuple[str, ...]]:
