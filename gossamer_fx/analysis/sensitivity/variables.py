@@ -27,7 +27,7 @@ from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns
-from gossamer_fx.core.model.terms import MeasuresMesh, Parameter
+from gossamer_fx.core.model.terms import MeasuresMesh, MeasuresStart, Parameter
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.terms.assembly import Differentiable
@@ -516,6 +516,8 @@ def _find(
     if in_time and isinstance(item, RigidBody) and what in (SPIN, VELOCITY):
         return RigidMotionVariable(name, item, system)
     if in_time and item in system.unknowns.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
+        if what == INITIAL_POSITION:
+            _refuse_measured_start(system, name, item)
         return InitialVariable(name, item, system, what == INITIAL_VELOCITY)
     for part in scalars:
         if what in part.names_of(item):
@@ -541,6 +543,19 @@ def _find(
         compiled = next(one for one in of_kind if one.has(term))
         uses.append((compiled, term, parameter))
     return PointVariable(name, unit, uses)
+
+
+def _refuse_measured_start(system: System, name: str, body: Body) -> None:
+    """Raise `InputError` if an item of the scene keeps what it has measured on a body at first."""
+    for item in system.unknowns.items:
+        if not (isinstance(item, MeasuresStart) and item.keeps_measures()):
+            continue
+        check(
+            not any(one is body for one in item.requires()),
+            f"gradient: '{getattr(item, 'name', type(item).__name__)}' keeps what it measures in "
+            f"the initial state, so that there is no derivative by '{name}'; leave it out of the "
+            "scene.",
+        )
 
 
 def _names_of(system: System, item: Any, in_time: bool, scalars: Sequence[GasAdjoint]) -> list[str]:

@@ -24,6 +24,8 @@ from gossamer_fx.core.model.body import Array, Ground, Port, Vector
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.mechanics.bodies.frames import Between, DrawnAsLines, Frame
 from gossamer_fx.mechanics.constraints.latch import HoldDown
+from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
+from gossamer_fx.mechanics.constraints.tie import Seam, Tie
 from gossamer_fx.mechanics.terms.energies_in_time import EnergiesInTime
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multipliers_of
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergies, QuadraticEnergy
@@ -31,8 +33,9 @@ from gossamer_fx.mechanics.terms.rows import CompiledRows
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
 
-# A joint of two sides, each a port or a frame, also one that is held until it is released.
-Joint = Between | HoldDown
+# A joint of two sides, each a port, a frame, a line or a region, also one that is held until it is
+# released.
+Joint = Between | HoldDown | RigidRegion | Tie | Seam
 
 
 class GroundForce:

@@ -73,6 +73,10 @@ class Position(Objective):
         `gx.analysis.gradient`."""
         self._add_weights(system, by_position)
 
+    def add_initial_derivative(self, system: System, share: float, by_position: PETSc.Vec) -> None:
+        """Add a share of the derivative of this probe by the coordinates at the start of the run,
+        if it measures from there.  Collective."""
+
     def _add_weights(self, system: System, vector: PETSc.Vec) -> None:
         """Add the weights with which the port takes the coordinate from the unknowns of its
         body."""
@@ -107,6 +111,12 @@ class Displacement(Position):
         """The component [m] in the state of a run."""
         start = run.system.unknowns.initial.vector(self.port)
         return super().__call__(run) - float(start[AXES[self.axis]])
+
+    def add_initial_derivative(self, system: System, share: float, by_position: PETSc.Vec) -> None:
+        weights = system.unknowns.numbering.vector()
+        self._add_weights(system, weights)
+        by_position.axpy(-share, weights)
+        weights.destroy()
 
 
 @check_arguments
