@@ -45,8 +45,17 @@ from gossamer_fx.analysis.cases.results import (  # noqa: E402
 )
 
 FOLDER = ROOT / "docs" / "evidence"
-THEORY = ("contact", "gas", "gradients", "orbit", "plates", "reduction", "step", "thermal")
-THEORY += ("wrinkling",)
+THEORY = (
+    "contact",
+    "gas",
+    "gradients",
+    "orbit",
+    "plates",
+    "reduction",
+    "step",
+    "thermal",
+    "wrinkling",
+)
 GUIDES = ("choose", "damping", "modes", "statics", "step_size")
 # Pages with tables of evidence, by the name of their file of records.
 PAGES = {
