@@ -49,6 +49,7 @@ UNCALLED = {
     "analysis.Mode",
     "analysis.HarmonicResponse",
     "analysis.RandomResponse",
+    "analysis.StateSpace",
     "NoEquilibrium",
     "OutputFailure",
 }
@@ -516,6 +517,14 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     }
     add("analysis.harmonic_response", **vibration, frequencies=[1.0, 2.0])
     add("analysis.random_response", **vibration, density=1e-3, band=(1.0, 2.0))
+    add(
+        "analysis.state_space",
+        **vibration
+        | {
+            "loads": {"weight": [gx.Gravity(inputs.film, (0.0, 0.0, 1.0))]},
+            "base_acceleration": {},
+        },
+    )
     add("analysis.imperfect_mesh", body=inputs.film, mode=inputs.modes[0], amplitude=1e-3)
     add("analysis.equilibria", equilibrium=gx.Equilibrium(scene), starts=2, perturbation=0.01)
     add(

@@ -217,6 +217,7 @@ NOT_NEGATIVE = {
     "analysis.modes": "above",
     "analysis.harmonic_response": "loss_factor damping_ratio",
     "analysis.random_response": "density loss_factor damping_ratio",
+    "analysis.state_space": "loss_factor damping_ratio",
     "connectors.Rope": "damping",
     "connectors.RopeBundle": "damping",
     "connectors.Spring": "length",
