@@ -288,9 +288,17 @@ class ModalModel:
         """The modes alone as a linear system for m inputs with the forces (unknowns of this rank,
         m) [N] of their units, and k probes."""
         comm = self._system.comm
+        for probe in probes:
+            check(
+                not isinstance(probe, ForceObjective),
+                f"{self._what}: a {type(probe).__name__} also depends on accelerations, which a "
+                "linear system does not give; take harmonic_response, or ask for positions.",
+            )
         first = self.response_to(forces[:, 0])
+        forces = forces.copy()
+        forces[self._system.unknowns.supports.held] = 0.0
         n = len(self._squares)
-        seen = np.array([first.seen(probe)[:, :n] for probe in probes]).reshape(-1, 2, n)
+        seen = np.array([first.rows(probe)[:, :n] for probe in probes]).reshape(-1, 2, n)
         viscous = comm.allreduce(self._shapes.T @ self._damping)
         # A loss factor is a damping ratio of half of it at each resonance.
         ratios = self._ratios + self._loss_factor / 2
@@ -476,11 +484,11 @@ class ModalResponse:
 
     def seen(self, probe: Objective, frequencies: Array, amplitudes: Complex) -> Complex:
         """Complex amplitudes (m,) of a probe at frequencies (m,) [Hz], of y (m, N).  Collective."""
-        by_position, by_velocity = self._derivatives(probe)
         ω = 2 * math.pi * frequencies
         if not isinstance(probe, ForceObjective):
-            rows = self._of_shapes([by_position, by_velocity])
+            rows = self.rows(probe)
             return np.asarray(amplitudes @ rows[0] + 1j * ω * (amplitudes @ rows[1]))
+        by_position, _ = self._derivatives(probe)
         # What supports hold bears the damping and the inertia of its nodes, too.
         weights = probe.residual_weights(self.system)
         inertia = weights.duplicate()
@@ -493,6 +501,10 @@ class ModalResponse:
         stiff = (1 + 1j * self.loss_factor) * (amplitudes @ rows[0])
         viscous = 1j * ω * (amplitudes @ rows[1])
         return np.asarray(stiff + viscous - ω**2 * (amplitudes @ rows[2]) + constant)
+
+    def rows(self, probe: Objective) -> Array:
+        """What a probe sees of each shape, (2, N): by positions, and by velocities.  Collective."""
+        return self._of_shapes(list(self._derivatives(probe)))
 
     def seen_of(self, probe: Objective, motion: Array) -> float:
         """What a probe sees of a translation of the ground (unknowns of this rank,); nothing if it
