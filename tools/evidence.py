@@ -45,6 +45,17 @@ from gossamer_fx.analysis.cases.results import (  # noqa: E402
 )
 
 FOLDER = ROOT / "docs" / "evidence"
+THEORY = (
+    "contact",
+    "gas",
+    "gradients",
+    "orbit",
+    "plates",
+    "reduction",
+    "step",
+    "thermal",
+    "wrinkling",
+)
 GUIDES = ("choose", "damping", "modes", "statics", "step_size")
 # Pages with tables of evidence, by the name of their file of records.
 PAGES = {
@@ -58,6 +69,7 @@ PAGES = {
     "verification": ROOT / "docs" / "verification.md",
     "folded_tube": ROOT / "docs" / "tutorials" / "folded_tube.md",
     **{name: ROOT / "docs" / "howto" / f"{name}.md" for name in GUIDES},
+    **{name: ROOT / "docs" / "theory" / f"{name}.md" for name in THEORY},
 }
 _SPREAD = re.compile(r"<!-- spread (\w+) -->\n(.*?)<!-- /spread -->", re.DOTALL)
 _BETWEEN = re.compile(r"<!-- evidence (\w+) -->\n(.*?)<!-- /evidence -->", re.DOTALL)

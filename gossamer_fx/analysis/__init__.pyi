@@ -46,5 +46,7 @@ from .vibration.response import HarmonicResponse as HarmonicResponse
 from .vibration.response import RandomResponse as RandomResponse
 from .vibration.response import harmonic_response as harmonic_response
 from .vibration.response import random_response as random_response
+from .vibration.state_space import StateSpace as StateSpace
+from .vibration.state_space import state_space as state_space
 from .vibration.wave_separation import TravellingWaves as TravellingWaves
 from .vibration.wave_separation import travelling_waves as travelling_waves

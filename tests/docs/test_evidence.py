@@ -13,13 +13,14 @@ from gossamer_fx.app.cli.demo import demos_of
 ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
 PAGES += ("verification", "choose", "damping", "files", "folded_tube", "modes", "statics")
-PAGES += ("step_size",)
+PAGES += ("step_size", "contact", "gas", "gradients", "orbit", "plates", "reduction", "step")
+PAGES += ("thermal", "wrinkling")
 # Parts that other commands make from result files, which have their own tests.
 MADE_ELSEWHERE = re.compile(
     r"<!-- (measured|benchmark|spread)( \w+)? -->.*?<!-- /\1 -->", re.DOTALL
 )
 # Tables of other things: the form and the inputs of case files, calls, laws and their choice.
-NOT_EVIDENCE = {"measured": 3, "choose": 1, "damping": 2, "files": 1, "statics": 3}
+NOT_EVIDENCE = {"measured": 3, "choose": 1, "contact": 1, "damping": 2, "files": 1, "statics": 3}
 
 
 @pytest.fixture

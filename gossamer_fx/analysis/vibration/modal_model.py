@@ -283,6 +283,36 @@ class ModalModel:
             gas=self._gas,
         )
 
+    def linear(self, forces: Array, probes: Sequence[Objective]) -> LinearModes:
+        """The modes alone as a linear system for m inputs with the forces (unknowns of this rank,
+        m) [N] of their units, and k probes."""
+        comm = self._system.comm
+        first = self.response_to(forces[:, 0])
+        n = len(self._squares)
+        seen = np.array([first.seen(probe)[:, :n] for probe in probes]).reshape(-1, 2, n)
+        viscous = comm.allreduce(self._shapes.T @ self._damping)
+        # A loss factor is a damping ratio of half of it at each resonance.
+        ratios = self._ratios + self._loss_factor / 2
+        of_modes = comm.allreduce(self._shapes.T @ forces)
+        rest = forces - self._momenta @ of_modes
+        beyond = np.zeros((len(probes), forces.shape[1]))
+        for column, g in enumerate(rest.T):
+            displacement, is_solved = self._static_displacement(g)
+            check(
+                is_solved,
+                f"{self._what}: a load pushes along a motion that nothing resists and that is not "
+                "among the modes; hold it, or ask gx.analysis.modes for more of them.",
+            )
+            beyond[:, column] = [first.seen_of(probe, displacement) for probe in probes]
+        return LinearModes(
+            squares=self._squares,
+            damping=viscous + np.diag(2 * ratios * np.sqrt(self._squares)),
+            forces=of_modes,
+            by_position=seen[:, 0],
+            by_velocity=seen[:, 1],
+            beyond=beyond,
+        )
+
     def _residual_vectors(self, forces: Array) -> tuple[Array, Array, Array]:
         """Residual vectors r (unknowns of this rank, m) of (3), with r·K r = 1 each, these ones
         (m,), and r·M r (m,)."""
@@ -330,6 +360,26 @@ class ModalModel:
         for each in (right_side, solution):
             each.destroy()
         return found, is_solved
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModes:
+    """n modes of unit mass under m inputs, seen by k probes.
+
+    Attributes:
+        squares: ω² (n,) [1/s²].
+        damping: Δ (n, n) [1/s].
+        forces: Φᵀ F (n, m).
+        by_position, by_velocity: what each probe sees of a mode, and of its rate (k, n).
+        beyond: static response of what is beyond the modes (k, m).
+    """
+
+    squares: Array
+    damping: Array
+    forces: Array
+    by_position: Array
+    by_velocity: Array
+    beyond: Array
 
 
 def _products(matrix: PETSc.Mat, shapes: Array) -> Array:
