@@ -35,7 +35,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.point_constraints import multipliers_in_space
-from gossamer_fx.solve.system.connected_parts import Labels, connected, entries
+from gossamer_fx.solve.system.connected_parts import Labels, connected
 from gossamer_fx.solve.system.system import System
 
 # Parts whose motions are examined: the description of more would not be read.
