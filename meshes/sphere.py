@@ -35,8 +35,8 @@ def sphere(
     def build(model: Any) -> None:
         import gmsh
 
-        # A sphere of radius 1, which is scaled: gmsh's tolerances are lengths.  One of 1e6 m had five
-        # nodes, and one of 1e-5 m others than one of 1 m.
+        # A sphere of radius 1, which is scaled: gmsh's tolerances are lengths.  One of 1e6 m had
+        # five nodes, and one of 1e-5 m others than one of 1 m.
         model.occ.addSphere(0, 0, 0, 1.0)
         model.occ.synchronize()
         surfaces = [tag for _, tag in model.getEntities(2)]
