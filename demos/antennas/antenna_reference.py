@@ -203,8 +203,8 @@ def figures(path: Path = STORED) -> list[Result]:
         numbers = {"tip at 1 s": first, "tip at 2 s": last, "unknowns": one.numbers["dofs"]}
         numbers |= {"CPU": one.numbers["cpu"], **distances(heights, finest)}
         found.append(Result({"run": model_text(one.values)}, numbers, one.seconds))
-    for words, (one, other) in pairs(results).items():
-        found.append(Result({"pair": words}, distances(one, other), 0.0))
+    for words, (first_tip, second_tip) in pairs(results).items():
+        found.append(Result({"pair": words}, distances(first_tip, second_tip), 0.0))
     return found
 
 
