@@ -9,10 +9,16 @@ The public names are listed in `__init__.pyi`: core names, e.g. `gx.Scene`, and 
 
 import sys
 
-# The current folder, which `python3 -m gossamer_fx` puts first: its files must not stand for numpy
-# and the like.  Python finds a package while the name of the program still is -m.
-if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
-    del sys.path[0]
+# Python finds the package of a command while the name of the program still is -m.
+if sys.argv[:1] == ["-m"]:
+    # The current folder, which `python3 -m gossamer_fx` puts first: its files must not stand for
+    # numpy and the like.
+    if not sys.flags.safe_path:
+        del sys.path[0]
+    # First, as Ctrl-C prints a trace until then.
+    from gossamer_fx.core.checks.ctrl_c import end_at_ctrl_c
+
+    end_at_ctrl_c()
 
 from gossamer_fx.core.checks.door import Door
 from gossamer_fx.core.checks.ending import watch_uncaught_errors

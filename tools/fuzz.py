@@ -1,6 +1,6 @@
 """Fuzz the readers of files and of addresses: a result or one sentence, and nothing else.
 
-    ./gossamer python tools/fuzz.py [READER ...] [--seconds 60] [--seed 0]
+    ./gossamer python tools/fuzz.py [READER ...] [--seconds 60] [--executions N] [--seed 0]
 
 Bytes, words and lines of a small corpus are changed; an input that reaches a line of the package
 that no input before has reached joins the corpus (coverage by sys.monitoring).  Readers that call
@@ -322,15 +322,16 @@ def requests(run: Path) -> tuple[list[bytes], Reader]:
     return [*corpus, b"GET http://[ HTTP/1.1\r\n\r\n"], answer
 
 
-def fuzz(name: str, corpus: list[bytes], read: Reader, seconds: float, seed: int) -> int:
-    """Fuzz a reader for a time, and print the executions; returns the number of failures."""
+def fuzz(name: str, corpus: list[bytes], read: Reader, seconds: float, most: int, seed: int) -> int:
+    """Fuzz a reader for a time or a number of executions, whichever ends first, and print the
+    executions; returns the number of failures."""
     rng = random.Random(seed)
     coverage_before = COVERAGE.lines
     failures: dict[tuple[Any, ...], bytes] = {}
     executions = 0
     slowest = 0.0
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    began = time.monotonic()
+    while time.monotonic() < began + seconds and executions < most:
         # The originals first.
         data = corpus[executions % len(corpus)]
         if executions >= len(corpus):
@@ -363,7 +364,8 @@ def fuzz(name: str, corpus: list[bytes], read: Reader, seconds: float, seed: int
         print(f"{name}: FAILED {key}")
         Path(tempfile.gettempdir(), f"fuzz_{name.replace(' ', '_')}_{number}").write_bytes(data)
     print(
-        f"{name}: {executions} executions in {seconds:g} s, {len(failures)} kinds of failures, "
+        f"{name}: {executions} executions in {time.monotonic() - began:.0f} s, "
+        f"{len(failures)} kinds of failures, "
         f"{COVERAGE.lines - coverage_before} lines reached, slowest {slowest:.1f} s",
         flush=True,
     )
@@ -375,6 +377,7 @@ def main(words: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("readers", nargs="*")
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--executions", type=int, default=sys.maxsize, help="at most this number")
     parser.add_argument("--seed", type=int, default=0)
     wanted = parser.parse_args(words)
     failures = 0
@@ -385,7 +388,14 @@ def main(words: Sequence[str]) -> int:
             for name, (corpus, read) in known.items():
                 if not wanted.readers or name in wanted.readers:
                     sys.stderr = nowhere
-                    failures += fuzz(name, list(corpus), read, wanted.seconds, wanted.seed)
+                    failures += fuzz(
+                        name,
+                        list(corpus),
+                        read,
+                        seconds=wanted.seconds,
+                        most=wanted.executions,
+                        seed=wanted.seed,
+                    )
                     sys.stderr = sys.__stderr__
         shutil.rmtree(folder, ignore_errors=True)
     return int(failures > 0)

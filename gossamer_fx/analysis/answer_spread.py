@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -37,6 +38,7 @@ from gossamer_fx.analysis.cases.results import (
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, on_rank_zero, output_failures
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.outputs.output import replace_file
 
 # Change of a quantity up to which it counts as determined, unless another limit is given.
 LIMIT = 0.1
@@ -244,9 +246,12 @@ class Spread:
             axes.tick_params(axis="x", labelsize=8)
             axes.set_title(f"{name}: {self.verdict(name)}", fontsize=9, loc="left")
             axes.spines[["top", "right"]].set_visible(False)
+        path = Path(path)
         with output_failures(path):
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, dpi=120)
+            path.parent.mkdir(parents=True, exist_ok=True)
+        picture = BytesIO()
+        figure.savefig(picture, format=path.suffix[1:] or "png", dpi=120)
+        replace_file(path, picture.getvalue())
 
 
 def one_at_a_time(vary: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:

@@ -75,3 +75,22 @@ def test_a_temporary_folder_that_cannot_be_written_is_told(
     monkeypatch.setenv(name, str(tmp_path / "none"))
     with pytest.raises(OSError, match="none'; set TMPDIR to a folder that can be written"):
         door.check_temporary_folder()
+
+
+def test_the_launcher_lets_ctrl_c_wait_until_the_package_can_say_what_it_ends(
+    tmp_path: Path,
+) -> None:
+    """Python prints a trace while it starts itself: the launcher blocks the signal until then."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n"
+    )
+    done = subprocess.run(
+        ["sh", str(ROOT / "gossamer"), "--inside", "report", "out"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(tmp_path), str(ROOT)))},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        capture_output=True,
+        text=True,
+        timeout=HANG_TIMEOUT,
+    )
+    assert (done.returncode, done.stderr) == (130, SENTENCE)

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import os
 import resource
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -63,6 +66,52 @@ print(matrix.dot(matrix)[0, 0])
 """
     done = program(tmp_path, 2000, "-c", code)
     assert done.stdout == "300.0\n", done.stderr
+
+
+@pytest.fixture
+def group() -> Iterator[Path]:
+    """A group of processes that have 100 MiB of memory, where one can be made."""
+    homes = (("memory", "memory.limit_in_bytes"), ("", "memory.max"))
+    path = Path()
+    for home, limit in homes:
+        path = Path("/sys/fs/cgroup") / home / f"gossamer-{os.getpid()}"
+        try:
+            path.mkdir()
+            (path / limit).write_text(str(100 << 20))
+            break
+        except OSError:
+            if path.exists():
+                path.rmdir()
+    else:
+        pytest.skip("no group of processes can be made without privileges")
+    yield path
+    # Its processes have ended, but the kernel may still clear up.
+    for _ in range(50):
+        try:
+            path.rmdir()
+            break
+        except OSError:
+            time.sleep(0.1)
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_command_that_the_system_kills_for_lack_of_memory_says_so(
+    tmp_path: Path, group: Path, ranks: int
+) -> None:
+    lines = ["import gossamer_fx as gx", "", "def build(comm):", "    x = b'x' * 2**28"]
+    (tmp_path / "scene.py").write_text("\n".join(lines))
+    words = ["-m", "gossamer_fx", "run", "scene.py", "-n", str(ranks)]
+    done = subprocess.run(
+        ["sh", "-c", f'echo $$ > {group}/cgroup.procs; exec "$@"', "sh", sys.executable, *words],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=HANG_TIMEOUT,
+    )
+    assert done.returncode in (-signal.SIGKILL, 128 + signal.SIGKILL), done.stderr
+    assert done.stderr.count("gossamer: ") == 1
+    assert "the memory of its group of processes, 100 MiB, was used up" in done.stderr
 
 
 def test_a_library_without_room_is_no_error_of_the_scene(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import os
 import resource
 import shutil
 import struct
+import time
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.core.checks.strange_files import LARGEST_EXPANSION, open_file, write_new
 from gossamer_fx.core.forms import compilation
+from gossamer_fx.core.mesh.geometry_files import check_geometry
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.outputs.vtu_format import Entry, Grid, read_vtu, write_pvd, write_vtu
 from gossamer_fx.records.plot import curve_panels
@@ -296,6 +298,60 @@ def test_a_list_longer_than_its_files_is_refused(run: Path, tmp_path: Path) -> N
     entries = [Entry(float(k), 0, f"film x_files/{k + 10}.vtu") for k in range(100_000)]
     write_pvd(run / "fields/film x.pvd", entries)
     assert "is missing" in look(run, tmp_path / "out")["report"]
+
+
+def test_a_geometry_of_many_solids_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    """20 000 boxes, which take gmsh hours, and a part of them with a time that is long enough."""
+    path = tmp_path / "boxes.step"
+    face = b"#1 = ADVANCED_FACE('',(#2),#3,.T.);\n"
+    box = b"#4 = MANIFOLD_SOLID_BREP('box',#5);\n" + 6 * face
+    path.write_bytes(b"ISO-10303-21;\n" + 20_000 * box)
+
+    def build(model: Any) -> None:
+        import gmsh
+
+        gmsh.merge(str(path))
+
+    before = time.monotonic()
+    with pytest.raises(gx.InputError, match=r"20000 solids with 120000 faces, .* take gmsh about"):
+        gx.gmsh_mesh(build, ALONE)
+    assert time.monotonic() - before < 10.0
+    check_geometry(path, 300.0, has_names=False)
+    with pytest.raises(gx.InputError, match=r"about 2.4e.02 s, more than the 100 s"):
+        check_geometry(path, 100.0, has_names=False)
+
+
+def test_triangles_without_neighbours_are_refused(tmp_path: Path) -> None:
+    """A damaged STL file; dolfinx took minutes for it."""
+    triangles = np.zeros(50_000, dtype=[("normal", "<f4", 3), ("X", "<f4", 9), ("rest", "<u2")])
+    triangles["X"] = np.random.default_rng(1).random((len(triangles), 9))
+    path = tmp_path / "a.stl"
+    path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + triangles.tobytes())
+
+    def build(model: Any) -> None:
+        import gmsh
+
+        gmsh.merge(str(path))
+
+    before = time.monotonic()
+    with pytest.raises(gx.InputError, match="falls into 50000 parts or more"):
+        gx.gmsh_mesh(build, ALONE)
+    assert time.monotonic() - before < 10.0
+    with pytest.raises(gx.InputError, match=r"2500084 bytes in all, .* about 2 s, more than the 1"):
+        check_geometry(path, 1.0)
+    path.write_text("solid a\n" + 60_000 * "outer loop\nsolid b\n")
+    with pytest.raises(gx.InputError, match="60000 solids with 60000 faces"):
+        check_geometry(path, 120.0)
+
+
+def test_gmsh_opens_regular_files_only(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo.stl")
+
+    def build(model: Any) -> None:
+        model.occ.importShapes(str(tmp_path / "fifo.stl"))
+
+    with pytest.raises(gx.InputError, match="is a FIFO"):
+        gx.gmsh_mesh(build, ALONE)
 
 
 @pytest.mark.parametrize("way", ["./film x_files", "film x_files/.", "film x_files//."])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import resource
 import shutil
 from base64 import b64decode
 from pathlib import Path
@@ -460,3 +461,18 @@ def test_records_that_long_steps_leave_out_are_counted(
     gx.Simulation(scene, gx.Midpoint(dt=0.05), outputs=[recording]).run(until=0.1)
     if MPI.COMM_WORLD.rank == 0:
         assert "8 of the records that were asked for, 0.01 s apart, are missing" in caplog.text
+
+
+def test_what_cannot_be_replaced_stays(tmp_path: Path) -> None:
+    """A report or picture on a full disk."""
+    path = tmp_path / "report.html"
+    path.write_text("the former report")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(gx.OutputFailure, match=r"report.html"):
+            replace_file(path, bytes(2000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_text() == "the former report"
+    assert list(tmp_path.iterdir()) == [path]

@@ -22,6 +22,7 @@ from gossamer_fx.records.outputs.vtu_format import (
     write_pvd,
     write_vtu,
 )
+from gossamer_fx.records.plot import vtk_export
 from tests.small_scenes import run_until
 
 WORLD = MPI.COMM_WORLD
@@ -258,6 +259,31 @@ def test_an_export_leaves_nothing_of_an_earlier_one(tmp_path: Path) -> None:
     gx.plot.export(later, tmp_path / "out")
     gx.plot.export(later, tmp_path / "fresh")
     assert names_of(tmp_path / "out") == names_of(tmp_path / "fresh")
+    # An export that is ended has no list.
+    (tmp_path / "out" / "run.pvd").unlink()
+    gx.plot.export(later, tmp_path / "out")
+    assert names_of(tmp_path / "out") == names_of(tmp_path / "fresh")
+    (tmp_path / "out" / "run.pvd").unlink()
+    (tmp_path / "out" / "run_files" / "mine.vtu").touch()
+    with pytest.raises(gx.InputError, match="holds 'run_files', which is not part of an export"):
+        gx.plot.export(later, tmp_path / "out")
+
+
+def test_an_export_of_very_many_states_asks_how_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if WORLD.size > 1:
+        pytest.skip("one rank is enough")
+    recorded(tmp_path / "run").run(until=4 * DT)
+    run = gx.plot.RunReader(tmp_path / "run")
+    count = len(run.times)
+    assert count == 3
+    monkeypatch.setattr(vtk_export, "_MAX_STATES", 2)
+    with pytest.raises(gx.InputError, match=rf"has {count} states, .* give every = \d"):
+        gx.plot.export(run, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    listed = read_pvd(gx.plot.export(run, tmp_path / "out", every=3))
+    assert [entry.time for entry in listed] == pytest.approx(run.times[[0, -1]])
 
 
 def test_the_fields_of_a_body_named_run_are_no_export(tmp_path: Path) -> None:

@@ -145,9 +145,12 @@ def draw_error_curves(
             panels[-1, 1].xaxis.set_minor_formatter(NullFormatter())
     if title:
         figure.suptitle(title, fontsize=10)
+    path = Path(path)
     with output_failures(path):
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=RESOLUTION)
+        path.parent.mkdir(parents=True, exist_ok=True)
+    picture = io.BytesIO()
+    figure.savefig(picture, format=path.suffix[1:] or "png", dpi=RESOLUTION)
+    replace_file(path, picture.getvalue())
 
 
 # Values of a case by name: numbers and words, which files keep as they are.

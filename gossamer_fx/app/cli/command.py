@@ -76,11 +76,8 @@ def main(words: Sequence[str]) -> int:
     complete = _with_values(words)
     parser = _parser()
     wanted, others = parser.parse_known_args(complete)
-    if wanted.name == "watch":  # what it does not know is for the run that it starts
-        from gossamer_fx.app.cli.watch import watch
-
-        return watch(wanted.what, wanted.output, wanted.port, others)
-    if others:
+    wanted.others = others
+    if others and wanted.name != "watch":  # what it does not know is for the run that it starts
         parser.error(f"unrecognized arguments: {' '.join(others)}")
     wanted.words = complete
     if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
@@ -111,7 +108,9 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
     """Run a command in this process; returns its exit code, see `main`."""
     from gossamer_fx.core.checks.ctrl_c import STOPPED, raise_at_ctrl_c
     from gossamer_fx.core.checks.ending import abort_on_lone_error, lacks_room, no_room
+    from gossamer_fx.core.checks.memory_limit import speak_if_killed
 
+    speak_if_killed()
     try:
         from mpi4py import MPI
 
@@ -149,7 +148,7 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
                 f"--ranks is {ranks}, but mpirun or srun has started {comm.size}; leave --ranks "
                 "out.",
             )
-            wanted.command(wanted, comm)
+            code: int | None = wanted.command(wanted, comm)
     except (InputError, StepFailure, NoEquilibrium, OutputFailure) as error:
         if wanted.debug:
             raise
@@ -173,7 +172,7 @@ def _on_this_rank(wanted: argparse.Namespace) -> int:
             f"{type(error).__name__}: {error}; look for memory and disk space, or for the file "
             "that it names.",
         )
-    return 0
+    return code or 0
 
 
 def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
@@ -184,17 +183,18 @@ def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
     from mpi4py import MPI
 
     # The first is set by Open MPI, the second by MPICH.
-    started = int(os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or 1)
-    if started == 1 or comm.size > 1:
+    started = os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or "1"
+    if started == "1" or comm.size > 1:
         return False
     rank = os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK")
     # Each process is rank 0 of an MPI that has one rank; the environment has the true number.
-    if rank == "0":
+    if rank in ("0", None):
         library, version = MPI.get_vendor()
         numbers = ".".join(map(str, version))
         print(
             f"gossamer: mpirun has started {started} ranks that do not see each other: it belongs "
-            f"to another MPI than mpi4py, which has {library} {numbers}; use the mpirun of that.",
+            f"to another MPI than mpi4py, which has {library} {numbers}; use the mpirun of that, "
+            "or unset OMPI_COMM_WORLD_SIZE and PMI_SIZE if there is none.",
             file=sys.stderr,
             flush=True,
         )
@@ -203,6 +203,9 @@ def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
 
 def script() -> int:
     """The command `gossamer` of an installed package."""
+    from gossamer_fx.core.checks.ctrl_c import end_at_ctrl_c
+
+    end_at_ctrl_c()
     return main(sys.argv[1:])
 
 
@@ -227,9 +230,10 @@ def _with_values(words: Sequence[str]) -> list[str]:
 def _parser() -> argparse.ArgumentParser:
     """The parser of the command line of `gossamer`, with all commands and their options.
 
-    Commands that read or make runs store the function that runs them as `command`; `main` itself
-    runs demo, validate and doctor, and their entries here serve `--help`.  The parser ends the
-    program with the code 2, and one sentence on standard error, for words that it does not know.
+    Commands that read or make runs store the function that runs them as `command`, which returns an
+    exit code or None; `main` itself runs demo, validate and doctor, and their entries here serve
+    `--help`.  The parser ends the program with the code 2, and one sentence on standard error, for
+    words that it does not know.
     """
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
@@ -292,6 +296,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     watch.add_argument("-o", "--output", type=Path, help="folder of the run of a scene, as of run")
     watch.add_argument("--port", type=_positive, default=0, help="default: any that is free")
+    watch.set_defaults(command=_watch, debug=False)
 
     sweep = commands.add_parser("sweep", help="many runs of a scene, or those of a design")
     sweep.add_argument(
@@ -372,6 +377,12 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("run", type=Path, help="folder of a run")
     export.add_argument(
         "-o", "--output", type=Path, help="folder; default vtu in the folder of the run"
+    )
+    export.add_argument(
+        "--every",
+        type=_positive,
+        metavar="N",
+        help="one state of N, and the last one; default: all, if there are at most 20 000",
     )
     export.set_defaults(command=_export)
     # These execute files of users or read runs, whose errors may need a traceback.
@@ -760,6 +771,13 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         _write_and_print(output or folder / "curves.png", lambda path: pictures.curves(run, path))
 
 
+def _watch(wanted: argparse.Namespace, comm: MPI.Intracomm) -> int:
+    """Show a run in the browser until Ctrl-C; returns the exit code."""
+    from gossamer_fx.app.cli.watch import watch
+
+    return watch(wanted.what, wanted.output, wanted.port, wanted.others)
+
+
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """Write the HTML page of a run, and print its path."""
     from gossamer_fx.records.plot.report import write_report
@@ -777,7 +795,7 @@ def _export(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.records.plot.vtk_export import export
 
     run = RunReader(wanted.run)
-    print(export(run, wanted.output or wanted.run / "vtu"))
+    print(export(run, wanted.output or wanted.run / "vtu", every=wanted.every))
 
 
 def _write_and_print(path: Path, write: Callable[[Path], None]) -> None:

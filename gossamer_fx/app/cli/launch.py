@@ -360,6 +360,9 @@ def main(words: Sequence[str]) -> int:
         )
         return 2
     program = list(words[1:])
+    if program[0].endswith(".py") and not Path(program[0]).exists():
+        print(f"gossamer: there is no script '{program[0]}'; give its path.", file=sys.stderr)
+        return 2
     if program[0].endswith(".py"):
         program = [*BEHIND_THE_DOOR, *program]
     return launch(int(words[0]), program)

@@ -11,7 +11,7 @@ from threading import Event
 from types import FrameType
 
 from gossamer_fx.app.cli.launch import OWN_COMMAND, child_environment, end_child_with_parent
-from gossamer_fx.core.checks.errors import InputError
+from gossamer_fx.core.checks.errors import check
 
 _WRONG_INPUT = 2  # exit code
 
@@ -29,24 +29,21 @@ def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> 
 
     Returns:
         Exit code of the run, or 0 if it had ended by itself before Ctrl-C.
+
+    Raises:
+        InputError: there is no run in the folder, or words of run follow it.
     """
     is_scene = what.suffix == ".py"
-    if not is_scene and (others or output):
-        sys.stderr.write(
-            f"gossamer: '{what}' is not a scene file; give one before the options and arguments "
-            "of run.\n"
-        )
-        return _WRONG_INPUT
+    check(
+        is_scene or not (others or output),
+        f"'{what}' is not a scene file; give one before the options and arguments of run.",
+    )
     folder = what
     if is_scene:
         folder = output or Path("out") / what.stem
     from gossamer_fx.records.plot.watch import Watch
 
-    try:
-        server = Watch(folder, port=port, must_exist=not is_scene)
-    except InputError as error:
-        sys.stderr.write(f"gossamer: {error}\n")
-        return _WRONG_INPUT
+    server = Watch(folder, port=port, must_exist=not is_scene)
     print(f"gossamer: look at {server.address} until Ctrl-C", flush=True)
     stopped = Event()
     run: subprocess.Popen[bytes] | None = None

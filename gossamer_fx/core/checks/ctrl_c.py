@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -37,6 +36,8 @@ def end_at_ctrl_c() -> None:
     """Let Ctrl-C end this command in a sentence while its parts are loaded: it has written nothing
     yet."""
     _handle(_end, signal.default_int_handler)
+    # The launcher lets Ctrl-C wait until now.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def raise_at_ctrl_c() -> None:
@@ -66,6 +67,11 @@ def loading() -> Iterator[None]:
             raise CtrlC
 
 
+def is_first_rank() -> bool:
+    """Whether this process is the first rank, or the only one, by the variables of MPI."""
+    return all(os.environ.get(name, "0") == "0" for name in _RANKS)
+
+
 def _handle(handler: Handler, before: Handler) -> None:
     """Set a handler of the signals by which Ctrl-C comes."""
     # A shell lets what it starts in the background ignore Ctrl-C.
@@ -77,7 +83,7 @@ def _handle(handler: Handler, before: Handler) -> None:
 
 def _end(number: int, frame: FrameType | None) -> None:
     """End this process at once; one rank says why."""
-    if all(os.environ.get(name, "0") == "0" for name in _RANKS):
+    if is_first_rank():
         os.write(2, f"gossamer: {STOPPED}\n".encode())
     os._exit(EXIT_CODE_OFFSET + signal.SIGINT)
 
@@ -88,9 +94,3 @@ def _raise(number: int, frame: FrameType | None) -> None:
     if not _loading:
         raise CtrlC
     _has_come = True
-
-
-# This is the first module that is loaded.  Python finds the package of a command while the name of
-# the program still is -m.
-if sys.argv[:1] == ["-m"]:
-    end_at_ctrl_c()

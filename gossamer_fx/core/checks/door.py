@@ -20,16 +20,18 @@ A library that was imported before `gossamer_fx` has read its files already.
 from __future__ import annotations
 
 import functools
+import itertools
 import mmap
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 from gossamer_fx.core.checks.ctrl_c import loading
 
@@ -49,6 +51,17 @@ _NEEDS_BUFFER = 128
 _EMPTY = Path(__file__).resolve().parent
 
 
+# Options of PETSc that name a file with more options.
+_OPTION_FILES = ("-options_file", "-options_file_yaml")
+
+# What PETSc writes about an error: the words of it between these lines.
+_PETSC_WORDS = re.compile(r"Error Message -+\n(.*?)\[\d+\]PETSC ERROR: See ", re.DOTALL)
+
+# Descriptors of the folders that `_elsewhere` has left, one within the other: the first one is that
+# in which the user stands.
+_left: list[int] = []
+
+
 @contextmanager
 def _elsewhere() -> Iterator[None]:
     """Another current folder within the block."""
@@ -60,27 +73,144 @@ def _elsewhere() -> Iterator[None]:
         yield
         return
     os.chdir(_EMPTY)
+    _left.append(here)
     try:
         yield
     finally:
+        _left.pop()
         os.fchdir(here)
         os.close(here)
 
 
+@contextmanager
+def _where_the_user_stands() -> Iterator[None]:
+    """The folder in which the user stands within a block of `_elsewhere`."""
+    if not _left:
+        yield
+        return
+    os.fchdir(_left[0])
+    try:
+        yield
+    finally:
+        os.chdir(_EMPTY)
+
+
+# Errors about the configuration of the user: the __init__ of dolfinx turns any into others.
+_refusals: list[Exception] = []
+
+
+def is_refusal(error: BaseException) -> bool:
+    """Whether an error says that a library does not start with the configuration of the user."""
+    return any(error is refusal for refusal in _refusals)
+
+
+def _refuse(words: str, error: Exception) -> NoReturn:
+    """Raise the `InputError` about the configuration of the user that an error has shown."""
+    # Its module imports MPI.
+    from gossamer_fx.core.checks.errors import InputError
+
+    refusal = InputError(words)
+    _refusals.append(refusal)
+    raise refusal from error
+
+
 def _start_petsc(module: ModuleType) -> None:
-    """Start PETSc before the module does, without option files that nobody has named."""
+    """Start PETSc before the module does, without option files that nobody has named.
+
+    Raises:
+        InputError: a file that PETSC_OPTIONS names cannot be read, or PETSc refuses an option.
+    """
     import petsc4py
+    import petsc4py.lib
 
     # A text of options, which PETSc would read in addition to PETSC_OPTIONS.
     os.environ.pop("PETSC_OPTIONS_YAML", None)
-    # The first word is the name of the program.
-    petsc4py.init(["gossamer_fx", "-skip_petscrc"])
+    library = petsc4py.lib.ImportPETSc()
+    options = os.environ.get("PETSC_OPTIONS", "")
+    # Files are named from where the user stands; the libraries are loaded by now.
+    with _where_the_user_stands():
+        _check_option_files(options)
+        said: list[str] = []
+        try:
+            # Without options PETSc has nothing to say.
+            with _kept_words(said) if options else nullcontext():
+                # The first word is the name of the program.
+                library._initialize(["gossamer_fx", "-skip_petscrc"])
+        except RuntimeError as error:
+            found = _PETSC_WORDS.search("".join(said))
+            words = str(error)
+            if found is not None:
+                words = " ".join(re.sub(r"\[\d+\]PETSC ERROR:", " ", found[1]).split())
+            _refuse(
+                f"PETSc does not start with PETSC_OPTIONS='{options}' ({words}); correct the "
+                "variable, or unset it.",
+                error,
+            )
+
+
+def _check_option_files(options: str) -> None:
+    """Raise `InputError` unless the files that PETSC_OPTIONS names can be read."""
+    # Its module imports NumPy and MPI.
+    from gossamer_fx.core.checks.strange_files import open_file
+
+    words = options.split()
+    for option, name in itertools.pairwise([*words, ""]):
+        if option not in _OPTION_FILES:
+            continue
+        try:
+            open_file(Path(name)).close()
+        except (OSError, ValueError) as error:
+            _refuse(
+                f"PETSC_OPTIONS names the file '{name}' by {option}, which cannot be read "
+                f"({error}); name another one, or leave the option out.",
+                error,
+            )
+
+
+@contextmanager
+def _kept_words(said: list[str]) -> Iterator[None]:
+    """Context in which what a library writes to standard error is added to a list; at an end
+    without an error it is written."""
+    # Most programs do not need it.
+    import tempfile
+
+    sys.stderr.flush()
+    stderr = os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+            file.seek(0)
+            said.append(file.read().decode(errors="replace"))
+    os.write(2, said[-1].encode())
 
 
 def _read_options(module: ModuleType) -> None:
     """Let a module read its options now: it keeps them, and asks for them when a form is
     compiled."""
-    module._load_options()
+    try:
+        module._load_options()
+    except (OSError, ValueError) as error:
+        library = module.__name__.partition(".")[0]
+        _refuse(
+            f"The file of options of {library} in your configuration cannot be read ({error}); "
+            f"correct or remove it: XDG_CONFIG_HOME, or ~/.config, has a folder '{library}'.",
+            error,
+        )
+
+
+def _check_docstrings(module: ModuleType) -> None:
+    """Raise `InputError` if Python has left out docstrings, in which CFFI has its grammar."""
+    from gossamer_fx.core.checks.errors import check
+
+    check(
+        sys.flags.optimize < 2,
+        "Python was started without docstrings, in which CFFI has its grammar; leave -OO out, and "
+        "unset PYTHONOPTIMIZE.",
+    )
 
 
 def _find_build_elsewhere(module: ModuleType) -> None:
@@ -146,6 +276,20 @@ def _nothing(module: ModuleType) -> None:
     """Do nothing."""
 
 
+def _raise_refusal(name: str, error: Exception) -> None:
+    """Raise a sentence if the configuration of the user is the cause of an error of a library that
+    is being imported."""
+    if _refusals:
+        raise _refusals[0] from error
+    # A backend that it does not know.
+    if name == "matplotlib" and type(error) is ValueError:
+        _refuse(
+            f"matplotlib does not start ({error}); correct the variable MPLBACKEND, or its own "
+            "file matplotlibrc.",
+            error,
+        )
+
+
 # What is done before and after each of these modules is executed.
 _GUARDED: dict[str, tuple[Callable[[ModuleType], None], Callable[[ModuleType], None]]] = {
     # Both load the library of MPI, which loads UCX.
@@ -156,7 +300,7 @@ _GUARDED: dict[str, tuple[Callable[[ModuleType], None], Callable[[ModuleType], N
     "petsc4py.lib": (_nothing, _find_build_elsewhere),
     "petsc4py.PETSc": (_start_petsc, _nothing),
     # Its __init__ catches any exception.
-    "dolfinx": (_nothing, _nothing),
+    "dolfinx": (_check_docstrings, _nothing),
     "dolfinx.jit": (_nothing, _read_options),
     "ffcx.options": (_nothing, _read_options),
     "matplotlib": (_nothing, _nothing),
@@ -201,7 +345,11 @@ class _GuardedLoader(Loader):
         """Execute the module."""
         with _elsewhere(), loading():
             self._before(module)
-            self._loader.exec_module(module)
+            try:
+                self._loader.exec_module(module)
+            except Exception as error:
+                _raise_refusal(module.__name__, error)
+                raise
             self._after(module)
 
     def __getattr__(self, name: str) -> Any:

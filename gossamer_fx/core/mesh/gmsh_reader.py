@@ -128,7 +128,8 @@ def extract(model: Any) -> RawMesh:
     tags, coordinates, _ = model.mesh.getNodes()
     tags = np.asarray(tags, dtype=np.int64)
     # d is the dimension of an entity of the geometry: 0 to 3.
-    meshed = [d for d, _ in model.getEntities() if model.mesh.getElements(d)[0].size]
+    dimensions = {d for d, _ in model.getEntities()}
+    meshed = [d for d in dimensions if model.mesh.getElements(d)[0].size]
     dim = max(meshed, default=0)
     _check(dim > 0, "The mesh has no triangles or line elements; mesh a surface or a curve.")
     _check(

@@ -412,19 +412,26 @@ def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:
     return float(ask_numbers(run.comm, f"{name} at {run.axis.words(run.time)}", value))
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Replace the contents of a file at once, so that a reader never finds half of them; on one
-    rank.
+def replace_file(path: Path, content: str | bytes) -> None:
+    """Replace the contents of a file at once, so that a reader never finds half of them, and the
+    former ones stay where the new ones cannot be written; on one rank.  A link is replaced, not
+    followed.
 
     Raises:
         OutputFailure: the file cannot be written.
     """
+    if isinstance(content, str):
+        # JSON reads the replacement of half of a surrogate pair, \ud800, as that half.
+        content = content.encode("utf-8", errors="backslashreplace")
     with output_failures(path):
         # Processes that share a sweep replace its tables at the same time.
         new = path.with_name(f"{path.name}.{os.getpid()}.new")
-        # JSON reads the replacement of half of a surrogate pair, \ud800, as that half.
-        write_new(new, text.encode("utf-8", errors="backslashreplace"))
-        new.replace(path)
+        try:
+            write_new(new, content)
+            new.replace(path)
+        finally:
+            # After an error only.
+            new.unlink(missing_ok=True)
 
 
 # A time is met if it differs by less than this from the one asked for, relatively above 1 s [s].

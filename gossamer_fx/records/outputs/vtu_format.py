@@ -75,6 +75,9 @@ _DAMAGE = (
     zlib.error,
 )
 
+# Behind the name of a list that is being written.
+NEW = ".new"
+
 # Characters that no XML file can hold.
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -233,7 +236,7 @@ def _write_list(path: Path, kind: str, elements: Sequence[str]) -> None:
         f"</{kind}>",
         "</VTKFile>",
     ]
-    new = path.with_name(f"{path.name}.new")
+    new = path.with_name(path.name + NEW)
     write_new(new, "\n".join(lines).encode())
     os.replace(new, path)
 

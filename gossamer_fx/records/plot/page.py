@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gossamer_fx.core.checks.errors import output_failures
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import plain_text
+from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.records.plot.colours import MISSING_COLOUR, Colouring
 from gossamer_fx.records.plot.curve_panels import INK, Curves
 
@@ -164,8 +164,12 @@ def write_page(
             place = _draw_images(figure, frames, views)
             corner = "lower right" if width < _NARROW else "center right"
             _draw_scale_bar(header, place.scale, views.size[0], corner)
-        with output_failures(str(path)):
-            figure.savefig(path, format="png", dpi=dpi)
+        picture = BytesIO()
+        figure.savefig(picture, format="png", dpi=dpi)
+    if isinstance(path, BytesIO):
+        path.write(picture.getvalue())
+    else:
+        replace_file(path, picture.getvalue())
     return place
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
-from gossamer_fx.core.checks.errors import check, output_failures
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import NAMES, scaled_axis
-from gossamer_fx.records.outputs.output import make_parent
+from gossamer_fx.records.outputs.output import make_parent, replace_file
 from gossamer_fx.records.plot.camera import Camera, View, aim, render
 from gossamer_fx.records.plot.colours import (
     NO_LIMITS,
@@ -465,15 +465,17 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
     palette = Image.new("P", (1, 1))
     palette.putpalette([255, 255, 255, *_palette_colours(frames)])
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    with output_failures(path):
-        indexed[0].save(
-            path,
-            save_all=True,
-            append_images=indexed[1:],
-            duration=max(round(1000 * pause), _MIN_PAUSE),
-            loop=0,
-            optimize=False,
-        )
+    animation = BytesIO()
+    indexed[0].save(
+        animation,
+        format="GIF",
+        save_all=True,
+        append_images=indexed[1:],
+        duration=max(round(1000 * pause), _MIN_PAUSE),
+        loop=0,
+        optimize=False,
+    )
+    replace_file(path, animation.getvalue())
 
 
 def _palette_colours(frames: Sequence[Any]) -> list[int]:

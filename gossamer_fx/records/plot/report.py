@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, output_failures
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.records.outputs.description import lines, number_text
+from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.records.plot import plot as pictures
 from gossamer_fx.records.plot.answers import HEAD as ANSWERS_HEAD
 from gossamer_fx.records.plot.answers import answers, is_round_off, ledger_unit
@@ -116,9 +117,8 @@ def write_report(run: RunReader, path: str | Path) -> None:
     )
     path = file_to_write(path)
     text = "\n".join(_page(run))
-    with output_failures(path):
-        # A file name or a title may hold half of a surrogate pair, which has no UTF-8.
-        path.write_text(text, encoding="utf-8", errors="replace")
+    # A file name or a title may hold half of a surrogate pair, which has no UTF-8.
+    replace_file(path, text.encode("utf-8", errors="replace"))
 
 
 def _page(run: RunReader) -> Iterable[str]:

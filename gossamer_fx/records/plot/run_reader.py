@@ -550,7 +550,8 @@ def _numbers_of(file: TextIO) -> tuple[list[str], Array]:
 def _at_time(table: tuple[Array, Array], time: float) -> Array:
     """The vectors (k, size) of a table in the row whose time is nearest; zeros without rows."""
     times, vectors = table
-    if not len(times):
+    # Without a vector the search of the time would take longer than all else in an export.
+    if not vectors.size:
         return np.zeros(vectors.shape[1:])
     return vectors[int(abs(times - time).argmin())]
 

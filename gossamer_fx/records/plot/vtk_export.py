@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check, output_failures
 from gossamer_fx.records.fields.units import with_unit
 from gossamer_fx.records.outputs.vtu_format import (
+    NEW,
     Entry,
     Grid,
     Integers,
@@ -28,9 +33,18 @@ _SCENE = "run.pvd"
 _FILES = "run_files"
 
 
+# Names of the files in that folder, and of one that is being written.
+_OF_EXPORT = re.compile(rf"\d{{5,}}(_\d+\.vtu|\.vtm|\.vtm{re.escape(NEW)})")
+
+# States that are written unasked: each takes two files and more, in all some ten seconds.
+_MAX_STATES = 20_000
+
+
 @check_arguments
-def export(run: RunReader, folder: str | Path) -> Path:
-    """Write all recorded states of a run with all items of the scene, for ParaView and pyvista.
+def export(
+    run: RunReader, folder: str | Path, *, every: Annotated[int, Range(1)] | None = None
+) -> Path:
+    """Write the recorded states of a run with all items of the scene, for ParaView and pyvista.
 
     `run.pvd` lists a state for each time.  Its parts have the names of films, cables and beams;
     "connectors" are ropes, springs and tapes with their mean tensions, "solids" rigid bodies and
@@ -40,13 +54,16 @@ def export(run: RunReader, folder: str | Path) -> Path:
     Args:
         run: a recorded run.
         folder: for the files only; it is made.  All files of an earlier export in it are removed.
+        every: number of states of which one is written, and the last state; None: all, at most
+            20 000.
 
     Returns:
         The path of `run.pvd`.
 
     Raises:
-        InputError: the run has no fields, its files cannot be read, or the folder holds anything
-            that an export has not written.
+        InputError: the run has no fields, or more than 20 000 states of which `every` does not say
+            how many are meant; its files cannot be read, or the folder holds anything that an
+            export has not written.
         OutputFailure: a file cannot be written.
 
     Example:
@@ -54,6 +71,15 @@ def export(run: RunReader, folder: str | Path) -> Path:
         'run.pvd'
     """
     run.require_fields()
+    count = len(run.times)
+    fewer = math.ceil(count / _MAX_STATES)
+    check(
+        every is not None or count <= _MAX_STATES,
+        f"The run in '{run.folder}' has {count} states, each of which takes two files or more; "
+        f"give every = {fewer} (--every {fewer}) for {len(range(0, count, fewer))} of them, or "
+        "1 for all.",
+    )
+    records = sorted({*range(0, count, every or 1), count - 1})
     folder = Path(folder)
     scene = folder / _SCENE
     files = folder / _FILES
@@ -66,26 +92,34 @@ def export(run: RunReader, folder: str | Path) -> Path:
         if files.is_dir():
             shutil.rmtree(files)
         files.mkdir()
-        for number, time in enumerate(run.times):
+        for number, record in enumerate(records):
             parts = []
-            for part, (name, grid) in enumerate(_parts(run, number)):
+            for part, (name, grid) in enumerate(_parts(run, record)):
                 file = f"{number:05d}_{part}.vtu"
                 write_vtu(files / file, grid)
                 parts.append((name, file))
             of_time = f"{number:05d}.vtm"
             write_vtm(files / of_time, parts)
-            entries.append(Entry(float(time), 0, f"{_FILES}/{of_time}"))
+            entries.append(Entry(float(run.times[record]), 0, f"{_FILES}/{of_time}"))
         write_pvd(scene, entries)
     return scene
 
 
 def _check_own(folder: Path) -> None:
     """Check that a folder holds nothing but an earlier export."""
-    own = []
+    own = [_SCENE + NEW]
     scene = folder / _SCENE
+    files = folder / _FILES
     # A recording of a body named "run" has files of these names too, but lists no VTM files.
     if scene.is_file() and all(entry.file.endswith(".vtm") for entry in read_pvd(scene)):
-        own = [_SCENE, _FILES]
+        own += [_SCENE, _FILES]
+    # An export that was ended has no list yet.
+    elif (
+        not scene.exists()
+        and files.is_dir()
+        and all(_OF_EXPORT.fullmatch(name) for name in os.listdir(files))
+    ):
+        own.append(_FILES)
     for path in sorted(folder.iterdir()):
         check(
             path.name in own,
