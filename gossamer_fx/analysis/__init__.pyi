@@ -25,7 +25,9 @@ from .sensitivity.objectives import Integral as Integral
 from .sensitivity.objectives import Rate as Rate
 from .sensitivity.results import Derivative as Derivative
 from .sensitivity.results import Gradient as Gradient
+from .sensitivity.static import PointStiffness as PointStiffness
 from .sensitivity.static import point_stiffness as point_stiffness
+from .sensitivity.stress import SmoothStress as SmoothStress
 from .sensitivity.tape import RunTape as RunTape
 from .statics.continuation import Continuation as Continuation
 from .statics.form_finding import EdgeCable as EdgeCable

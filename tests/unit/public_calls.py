@@ -277,6 +277,13 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         sine=np.sin(np.arange(20.0)),
     )
     add("analysis.Frequency", equilibrium=inputs.equilibrium, number=1)
+    add(
+        "analysis.PointStiffness",
+        equilibrium=inputs.equilibrium,
+        port=inputs.film.port_at((0.5, 0.5, 0.0)),
+        direction=(0.0, 0.0, 1.0),
+    )
+    add("analysis.SmoothStress", film=film, exponent=20.0, limit=1e6, group="film")
     add("analysis.Limit", of=gx.analysis.Energy(), low=0.0, high=1.0)
     add("analysis.Functional", value=lambda run: 0.0, derivative=lambda run: {}, unit="m")
     add("analysis.Integral", body=film, form=lambda q: q[2] * film.dx, unit="m³")

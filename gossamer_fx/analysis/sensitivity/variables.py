@@ -13,7 +13,7 @@ they depend on: constants, fields, positions of mesh nodes.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -223,6 +223,8 @@ class Variable(ABC):
     name: str
     unit: str
     is_distributed: bool
+    # Whether masses depend on it whose derivatives are not known.
+    changes_mass = False
 
     def __init__(self, name: str, unit: str, is_distributed: bool, size: int) -> None:
         self.name = name
@@ -329,6 +331,7 @@ class PointVariable(Variable):
         is one number or vector of all terms, or has an entry for each term, e.g. each spring of an
         item; the variable has the values of all entries, one after the other."""
         self._uses = uses
+        self.changes_mass = any(parameter.changes_mass for _, _, parameter in uses)
         entries = [parameter.entry or 0 for _, _, parameter in uses]
         compiled, term, first = uses[0]
         self._width = len(compiled.get_number(term, str(first.source)))
@@ -353,6 +356,12 @@ class PointVariable(Variable):
         for compiled, term, parameter in self._uses:
             work = compiled.work_by_number(term, str(parameter.source), μ)
             self.sum[self._part(parameter)] -= work
+
+    def add_by_number(self, derivative: Callable[[Any, Any, str], float]) -> None:
+        """Add the derivatives of a result by the numbers of its terms, this rank's share, each from
+        the compiled kind, the term and the key of the number."""
+        for compiled, term, parameter in self._uses:
+            self.sum[self._part(parameter)] += derivative(compiled, term, str(parameter.source))
 
     def energy_derivative(self) -> Array:
         """∂ψ/∂θ (k,) of the energies of its terms, this rank's share."""
@@ -532,6 +541,11 @@ def _find(
         bool(found),
         f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; "
         f"it has: {', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
+    )
+    check(
+        not (in_time and any(parameter.changes_mass for _, parameter in found)),
+        f"gradient: '{name}' changes a mass, whose derivative is not known, so that a run has none "
+        "by it; take the gradient of an equilibrium.",
     )
     unit = found[0][1].unit
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}

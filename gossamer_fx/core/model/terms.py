@@ -85,9 +85,11 @@ class Parameter:
         unit: SI unit; empty for a pure number.
         source: the coefficient of the forms, or the key of the number.
         entry: position in the item's list of such numbers; None if the item has one number.
+        changes_mass: whether masses depend on it whose derivatives are not known.
     """
 
     name: str
     unit: str
     source: Source
     entry: int | None = None
+    changes_mass: bool = False
