@@ -678,6 +678,7 @@ def method_calls(inputs: Inputs) -> dict[str, tuple[Callable[..., Any], Call]]:
         "form.cut": (form.cut, {"lines": form.by_planes([[0.5, 0, 0]], (1, 0, 0))}),
         "strips.flatten": (strips.flatten, {"law": film.law, "tension": 10.0}),
         "panels.films": (panels.films, {"size": 0.5}),
+        "panels.write_svg": (panels.write_svg, {"path": inputs.run / "a.svg", "marks": 0.1}),
         "panels.seams": (panels.seams, {"films": patches}),
         "panels.cables": (panels.cables, {"films": patches}),
         "panels.deviation": (panels.deviation, {"films": patches, "at": patchwork}),

@@ -85,6 +85,7 @@ def read_dxf(
     *,
     size: Annotated[float, positive("m")],
     scale: Annotated[float, positive("m")] | None = None,
+    leave_out: Sequence[str] = (),
     time_limit: Annotated[float, positive("s")] = TIME_LIMIT,
 ) -> Mesh:
     """Mesh the panels that the closed outlines of a DXF drawing enclose.
@@ -102,6 +103,7 @@ def read_dxf(
         comm: the ranks to which the mesh is distributed.
         size: length of the edges of triangles [m], > 0.
         scale: metres in a unit of the drawing; None: the drawing says its unit.
+        leave_out: names of layers whose curves and texts are no panels, e.g. seam allowances.
         time_limit: [s] after which gmsh is ended.
 
     Raises:
@@ -113,16 +115,18 @@ def read_dxf(
         >>> def balloon(comm):
         ...     return gx.patterns.read_dxf("gores.dxf", comm, size=0.02, scale=1e-3)
     """
-    panels = on_rank_zero(comm, lambda: _read_panels(Path(path), scale, size))
+    panels = on_rank_zero(comm, lambda: _read_panels(Path(path), scale, size, leave_out))
     # Only rank 0 builds the model, and only it has the panels.
     what = f"The mesh of the drawing '{path}'"
     return built(lambda model: _build(model, panels or [], size), comm, what, time_limit=time_limit)
 
 
-def _read_panels(path: Path, scale: float | None, size: float) -> list[Panel]:
+def _read_panels(
+    path: Path, scale: float | None, size: float, leave_out: Sequence[str]
+) -> list[Panel]:
     """Read the panels of a file, on one rank; warn of entities that are left out, and refuse a size
     [m] of edges with which there would be too many triangles."""
-    drawing = _read(path, scale)
+    drawing = _read(path, scale, leave_out)
     if drawing.left_out:
         kinds = ", ".join(f"{count} {kind}" for kind, count in drawing.left_out.items())
         LOGGER.warning("'%s': %s are not curves or texts, and are left out", path, kinds)
@@ -174,10 +178,10 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
     return panels
 
 
-def _read(path: Path, scale: float | None) -> Drawing:
-    """Read curves and texts of a DXF file, scaled to metres, by the unit of the drawing if `scale`
-    is None.  `InputError`: the file cannot be read, is not DXF or has no unit, or ezdxf is not
-    installed."""
+def _read(path: Path, scale: float | None, leave_out: Sequence[str] = ()) -> Drawing:
+    """Read curves and texts of a DXF file, but for those on layers to leave out, scaled to metres,
+    by the unit of the drawing if `scale` is None.  `InputError`: the file cannot be read, is not
+    DXF or has no unit, or ezdxf is not installed."""
     check(path.is_file(), f"There is no drawing '{path}'; give the path of a DXF file.")
     try:
         import ezdxf
@@ -210,6 +214,8 @@ def _read(path: Path, scale: float | None) -> Drawing:
             # Entities that are not drawn may have no layer.
             if entity.dxf.is_supported("layer"):
                 layer = f" on the layer '{entity.dxf.layer}'"
+                if entity.dxf.layer in leave_out:
+                    continue
             _take(entity, scale or UNITS[unit], drawing)
     except InputError:
         raise

@@ -8,17 +8,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from scipy.optimize import brentq
 
 from gossamer_fx.build.patterns.closest import Numbers, closest_points
+from gossamer_fx.build.patterns.cut_drawings import (
+    Outline,
+    OutlinePart,
+    drawing_of,
+    save_dxf,
+    save_svg,
+)
 from gossamer_fx.build.patterns.cutting import CutMesh, named_edges
 from gossamer_fx.build.patterns.flattening import FlatMesh, TensionedFilm
 from gossamer_fx.build.patterns.triangulation import Triangulation, as_list, as_rows, sides_of
-from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import check, on_rank_zero
 from gossamer_fx.core.mesh.gmsh_reader import check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, built
 from gossamer_fx.core.model.body import Array
@@ -405,6 +413,79 @@ class Panels(Sequence[FlatPanel]):
         along = np.einsum("nc,nc->n", points - on.points, self.form.normals[on.triangle])
         # Beyond the rim the closest point is not along the normal; this is the part that is.
         return Deviation(points, along)
+
+    @check_arguments
+    def write_dxf(
+        self,
+        path: str | Path,
+        *,
+        allowance: Annotated[float, not_negative("m")] = 0.0,
+        hem: Annotated[float, not_negative("m")] = 0.0,
+        marks: Annotated[float, positive("m")] | None = None,
+    ) -> None:
+        """Write the panels as DXF in true scale, in millimetres.  Collective; rank 0 writes.
+
+        The outline of a panel is on the layers of its seams and parts of the rim, and its name is
+        on the layer "names".  The layer "cut" has the outline with allowances, and "marks" has
+        marks at equal positions on both sides of a seam, and names of edges; leave both out to read
+        the panels back: `read_dxf(path, comm, size=..., leave_out=("cut", "marks"))`.  The package
+        ezdxf has to be installed.
+
+        Args:
+            path: of the file.
+            allowance: width of film beyond seams [m].
+            hem: width of film beyond the rim [m].
+            marks: largest distance of marks along seams [m]; None: at the ends of seams only.
+
+        Raises:
+            InputError: ezdxf is missing, a width is negative.
+            OutputFailure: the file cannot be written.
+        """
+        drawing = drawing_of(self._outlines(allowance, hem, marks))
+        on_rank_zero(self.form.comm, lambda: save_dxf(Path(path), drawing))
+
+    @check_arguments
+    def write_svg(
+        self,
+        path: str | Path,
+        *,
+        allowance: Annotated[float, not_negative("m")] = 0.0,
+        hem: Annotated[float, not_negative("m")] = 0.0,
+        marks: Annotated[float, positive("m")] | None = None,
+    ) -> None:
+        """Write the panels as SVG in true scale, with the lines and names of `write_dxf`, the
+        classes of which are the layers.  Collective; rank 0 writes.
+
+        Args:
+            path: of the file.
+            allowance: width of film beyond seams [m].
+            hem: width of film beyond the rim [m].
+            marks: largest distance of marks along seams [m]; None: at the ends of seams only.
+
+        Raises:
+            InputError: a width is negative.
+            OutputFailure: the file cannot be written.
+        """
+        drawing = drawing_of(self._outlines(allowance, hem, marks))
+        on_rank_zero(self.form.comm, lambda: save_svg(Path(path), drawing))
+
+    def _outlines(self, allowance: float, hem: float, spacing: float | None) -> list[Outline]:
+        """What is drawn of the panels."""
+        seams = {name for seam in self.mesh.seams for name in seam.names}
+        outlines = []
+        for panel in self:
+            parts = []
+            for part in panel.boundary:
+                is_seam = part.name in seams
+                count = 1
+                if spacing is not None:
+                    count = max(1, math.ceil(part.form_length / spacing - 1e-6))
+                    check_cells("Panels: drawing of marks", count)
+                marks = part.divided(count) if is_seam else np.zeros((0, 2))
+                width = allowance if is_seam else hem
+                parts.append(OutlinePart(part.name, part.flat, width, marks))
+            outlines.append(Outline(panel.name, parts, panel.points[panel.triangles]))
+        return outlines
 
     def _check(self, films: Sequence[Membrane]) -> None:
         check(
