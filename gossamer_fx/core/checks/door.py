@@ -55,7 +55,7 @@ _EMPTY = Path(__file__).resolve().parent
 _OPTION_FILES = ("-options_file", "-options_file_yaml")
 
 # What PETSc writes about an error: the words of it between these lines.
-_PETSC_WORDS = re.compile(r"Error Message -+\n(.*?)\[\d+\]PETSC ERROR: See ", re.DOTALL)
+_PETSC_WORDS = r"Error Message -+\n(.*?)\[\d+\]PETSC ERROR: See "
 
 # Descriptors of the folders that `_elsewhere` has left, one within the other: the first one is that
 # in which the user stands.
@@ -137,7 +137,7 @@ def _start_petsc(module: ModuleType) -> None:
                 # The first word is the name of the program.
                 library._initialize(["gossamer_fx", "-skip_petscrc"])
         except RuntimeError as error:
-            found = _PETSC_WORDS.search("".join(said))
+            found = re.search(_PETSC_WORDS, "".join(said), re.DOTALL)
             words = str(error)
             if found is not None:
                 words = " ".join(re.sub(r"\[\d+\]PETSC ERROR:", " ", found[1]).split())
