@@ -481,6 +481,23 @@ def test_a_summary_is_a_text(run: Path, tmp_path: Path, summary: Any) -> None:
     assert "'summary' is" in look(run, tmp_path / "out")["report"]
 
 
+@pytest.mark.parametrize("key", ["title", "captions", "fields"])
+def test_a_text_has_a_largest_length(run: Path, tmp_path: Path, key: str) -> None:
+    """matplotlib took minutes to draw it."""
+    long = "x" * 100_000
+    value = {"title": long, "captions": [long], "fields": {long: []}}[key]
+    about = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps(about | {key: value}))
+    said = look(run, tmp_path / "out")
+    assert all("a text of at most 5000 characters" in words for words in said.values()), said
+
+
+def test_a_column_has_a_largest_name(run: Path, tmp_path: Path) -> None:
+    path = run / "probes.csv"
+    path.write_text(path.read_text().replace(",", f",{100_000 * 'x'}", 1))
+    assert "a name of more than 5000 characters" in look(run, tmp_path / "out")["curves"]
+
+
 def test_a_table_has_a_largest_number_of_columns(run: Path, tmp_path: Path) -> None:
     (run / "ledger.csv").write_text(",".join(f"x{k}" for k in range(300_001)) + "\n")
     said = look(run, tmp_path / "out")["report"]

@@ -114,6 +114,27 @@ def _refuse(words: str, error: Exception) -> NoReturn:
     raise refusal from error
 
 
+@contextmanager
+def _readable_words() -> Iterator[None]:
+    """Context in which `sys.argv` has no word that is not UTF-8, as a name of a file may be:
+    dolfinx reads its options there, and breaks off at such a word."""
+    words = sys.argv
+    sys.argv = [word for word in words if word.isascii() or _has_utf8(word)]
+    try:
+        yield
+    finally:
+        sys.argv = words
+
+
+def _has_utf8(word: str) -> bool:
+    """Whether a word of the command line can be written in UTF-8."""
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _start_petsc(module: ModuleType) -> None:
     """Start PETSc before the module does, without option files that nobody has named.
 
@@ -343,7 +364,7 @@ class _GuardedLoader(Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Execute the module."""
-        with _elsewhere(), loading():
+        with _elsewhere(), loading(), _readable_words():
             self._before(module)
             try:
                 self._loader.exec_module(module)
