@@ -35,18 +35,22 @@ def sphere(
     def build(model: Any) -> None:
         import gmsh
 
-        model.occ.addSphere(0, 0, 0, radius)
+        # A sphere of radius 1, which is scaled: gmsh's tolerances are lengths.  One of 1e6 m had
+        # five nodes, and one of 1e-5 m others than one of 1 m.
+        model.occ.addSphere(0, 0, 0, 1.0)
         model.occ.synchronize()
         surfaces = [tag for _, tag in model.getEntities(2)]
         model.addPhysicalGroup(2, surfaces, name="film")
 
         # Triangles of one size, the length of an edge on the equator.
-        size = 2 * math.pi * radius / cells
+        size = 2 * math.pi / cells
         gmsh.option.setNumber("Mesh.MeshSizeMin", size)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)
         # One size everywhere: none that spreads from the seam, which gmsh has from pole to pole.
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
         model.mesh.generate(2)
         model.mesh.setOrder(order)
+        scaled = [radius if row == column else 0.0 for row in range(3) for column in range(4)]
+        model.mesh.affineTransform(scaled)
 
     return gmsh_mesh(build, comm)

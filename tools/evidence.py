@@ -45,17 +45,31 @@ from gossamer_fx.analysis.cases.results import (  # noqa: E402
 )
 
 FOLDER = ROOT / "docs" / "evidence"
+THEORY = (
+    "contact",
+    "gas",
+    "gradients",
+    "orbit",
+    "plates",
+    "reduction",
+    "step",
+    "thermal",
+    "wrinkling",
+)
+GUIDES = ("choose", "damping", "modes", "statics", "step_size")
 # Pages with tables of evidence, by the name of their file of records.
 PAGES = {
     "first_page": ROOT / "README.md",
-    **{
-        name: ROOT / "docs" / f"{name}.md"
-        for name in ("benchmark", "findings", "measured", "performance", "sources", "verification")
-    },
-    **{
-        name: ROOT / "docs" / "howto" / f"{name}.md"
-        for name in ("choose", "damping", "statics", "step_size")
-    },
+    "benchmark": ROOT / "docs" / "benchmark.md",
+    "files": ROOT / "docs" / "files.md",
+    "findings": ROOT / "docs" / "findings.md",
+    "measured": ROOT / "docs" / "measured.md",
+    "performance": ROOT / "docs" / "performance.md",
+    "sources": ROOT / "docs" / "sources.md",
+    "verification": ROOT / "docs" / "verification.md",
+    "folded_tube": ROOT / "docs" / "tutorials" / "folded_tube.md",
+    **{name: ROOT / "docs" / "howto" / f"{name}.md" for name in GUIDES},
+    **{name: ROOT / "docs" / "theory" / f"{name}.md" for name in THEORY},
 }
 _SPREAD = re.compile(r"<!-- spread (\w+) -->\n(.*?)<!-- /spread -->", re.DOTALL)
 _BETWEEN = re.compile(r"<!-- evidence (\w+) -->\n(.*?)<!-- /evidence -->", re.DOTALL)

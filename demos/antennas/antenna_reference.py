@@ -203,8 +203,8 @@ def figures(path: Path = STORED) -> list[Result]:
         numbers = {"tip at 1 s": first, "tip at 2 s": last, "unknowns": one.numbers["dofs"]}
         numbers |= {"CPU": one.numbers["cpu"], **distances(heights, finest)}
         found.append(Result({"run": model_text(one.values)}, numbers, one.seconds))
-    for words, (one, other) in pairs(results).items():
-        found.append(Result({"pair": words}, distances(one, other), 0.0))
+    for words, (first_tip, second_tip) in pairs(results).items():
+        found.append(Result({"pair": words}, distances(first_tip, second_tip), 0.0))
     return found
 
 
@@ -238,13 +238,13 @@ def pairs(results: Sequence[Result]) -> dict[str, tuple[Array, Array]]:
 
 
 def table(found: Sequence[Result]) -> str:
-    """What `figures` returns, as a table of Markdown."""
-    head = ["run or pair", *found[0].numbers]
-    rows = [
-        [*one.values.values(), *(f"{one.numbers.get(name, np.nan):.5g}" for name in head[1:])]
-        for one in found
-    ]
-    return markdown_table([head, *rows])
+    """What `figures` returns, as a table of Markdown; a pair has distances only."""
+    names = list(found[0].numbers)
+    rows = [["run or pair", *names]]
+    for one in found:
+        numbers = [f"{one.numbers[name]:.5g}" if name in one.numbers else "" for name in names]
+        rows.append([*one.values.values(), *numbers])
+    return markdown_table(rows)
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ momentum leans more: the column nutation_at_start [deg] tells by how much.
     inertia         of the hub about its axis, 1.25e-4 kg m² in the demo
     slenderness     inertia of the hub across its axis over that about it, 0.8 in the demo
     cells, largest  a finer mesh and shorter steps: how far the results can be trusted
+    damping, loss_factor    film that loses as much as polymers may, for a damping time of 0.1 ms
 
 A deployment of the disc is
 
@@ -76,6 +77,25 @@ IKAROS = (
     "ikaros hub_inertia=60",
     "ikaros rpm=5",
 )
+# Disturbances of a disc whose film has a loss factor, and no damping time.
+LOSS = "damping=0 loss_factor=0.01"
+LITTLE_DAMPING = [
+    LOSS,
+    *(
+        f"{LOSS} {case}"
+        for case in (
+            "tilt=2",
+            "tilt=5",
+            "tilt=5 nudge=1",
+            "tilt=15",
+            "stuck=0.04",
+            "stuck=0.04 nudge=1",
+            "stuck=0.1",
+            "tilt=5 stuck=0.04",
+            "offset=0.004",
+        )
+    ),
+]
 # Cases of which the spread is measured, and their nudges.
 REPEATED = ("ordinary", "tilt=5 stuck=0.04", "tilt=15 stuck=0.1", "ikaros stuck=1")
 NUDGES = (1, 2)
@@ -210,7 +230,7 @@ STUDY = Study(
     "deployment_stability",
     "Disturbances of a spin deployment: what opens, what tangles",
     problem,
-    {"case": [*MAP, *ALONE, *IKAROS, *NUDGED]},
+    {"case": [*MAP, *ALONE, *IKAROS, *NUDGED, *LITTLE_DAMPING]},
     lambda case: 1.0,
     # A coarse disc that opens; one that tangles takes three times as long.
     quick={"case": ["cells=1 largest=0.002"]},

@@ -129,6 +129,13 @@ LITTLE_DAMPING = [
 ]
 # Starts that are nudged, and the accuracy of mesh and step.
 REPEATED = (
+    f"disc {LOSS_FACTOR} nudge=1",
+    f"disc {LOSS_FACTOR} crease=0.002 set_angle_ratio=1 nudge=1",
+    f"disc {LOSS_FACTOR} crease=0.02 set_angle_ratio=0.5 nudge=1",
+    f"disc rev=2 {LOSS_FACTOR} crease=0.002 set_angle_ratio=0 nudge=1",
+    f"disc rev=2 {LOSS_FACTOR} crease=0.002 set_angle_ratio=0 nudge=2",
+    f"disc rev=2 {LOSS_FACTOR} crease=0.002 set_angle_ratio=0 nudge=-1",
+    f"disc rev=2 {LOSS_FACTOR} crease=0.002 set_angle_ratio=1 nudge=1",
     "disc nudge=1",
     "disc crease=0.002 set_angle_ratio=1 nudge=1",
     "disc rev=2 nudge=1",

@@ -9,8 +9,8 @@ from demos.studies.engine.spreads import Expected
 STUDY = tube_study(
     "zigzag",
     {
-        "halfway [ms]": Expected("determined", 10.2, 11.5),
-        "arrived [ms]": Expected("determined", 21.2, 23.6),
+        "halfway [ms]": Expected("determined", 10.0, 11.6),
+        "arrived [ms]": Expected("determined", 21.0, 24.0),
         "tip speed [m/s]": Expected("not determined", 19.0, 30.0),
         "ring 1 [ms]": Expected("not determined", 4.5, 14.0),
         "mean of ring 1": Expected("not determined", 0.01, 0.1),

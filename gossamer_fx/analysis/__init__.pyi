@@ -25,7 +25,9 @@ from .sensitivity.objectives import Integral as Integral
 from .sensitivity.objectives import Rate as Rate
 from .sensitivity.results import Derivative as Derivative
 from .sensitivity.results import Gradient as Gradient
+from .sensitivity.static import PointStiffness as PointStiffness
 from .sensitivity.static import point_stiffness as point_stiffness
+from .sensitivity.stress import SmoothStress as SmoothStress
 from .sensitivity.tape import RunTape as RunTape
 from .statics.continuation import Continuation as Continuation
 from .statics.form_finding import EdgeCable as EdgeCable
@@ -46,5 +48,7 @@ from .vibration.response import HarmonicResponse as HarmonicResponse
 from .vibration.response import RandomResponse as RandomResponse
 from .vibration.response import harmonic_response as harmonic_response
 from .vibration.response import random_response as random_response
+from .vibration.state_space import StateSpace as StateSpace
+from .vibration.state_space import state_space as state_space
 from .vibration.wave_separation import TravellingWaves as TravellingWaves
 from .vibration.wave_separation import travelling_waves as travelling_waves

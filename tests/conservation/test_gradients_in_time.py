@@ -448,7 +448,9 @@ PARAMETERS = {
     colliding: "film.E, film.thickness, film.initial_velocity",
     touching: "contact.stiffness",
     stopping: "film.E, film.density, lower.thickness, film.initial_velocity",
-    rubbing_while_stopping: "contact.friction, film.thickness, film.initial_velocity",
+    rubbing_while_stopping: (
+        "contact.friction, film.thickness, film.initial_velocity, film.initial_position"
+    ),
     rubbing_on_floor: "contact.friction, contact.stiffness, film.E, film.initial_velocity",
     rubbing: "contact.friction, contact.stiffness, film.thickness, film.initial_velocity",
     rubbing_on_a_ball: "contact.friction, a.velocity, a.spin, film.initial_velocity",

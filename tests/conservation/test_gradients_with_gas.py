@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.design import opening_time
+from gossamer_fx.mechanics.gas.ring import Loop
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.gases import NITROGEN
@@ -76,6 +77,36 @@ def tube_with_a_ring(comm, area=1e-5, coefficient=0.8, thickness=1e-4):
         first, second, area=ring, discharge_coefficient=coefficient, name="passage"
     )
     return gx.Scene(film, inlet, passage), 1e-4, 30
+
+
+def test_a_ring_that_starts_without_area_opens_in_no_direction(comm):
+    """A tube that is pressed flat: the area of its ring has no direction, and no derivative."""
+    law = gx.Linear(E=1e8, nu=0.3, density=1400.0, thickness=1e-4)
+    film = gx.Membrane(flat_tube(comm, 0.3, 0.06, 4, compartments=2), law)
+    ring = gx.gas.Ring(film, "ring 1")
+    first, second = (
+        gx.Chamber(
+            film,
+            pressure=pressure,
+            dead_volume=1e-5,
+            surface=(f"compartment {i}",),
+            rings=(ring,),
+            name=f"compartment {i}",
+            **CONTENTS,
+        )
+        for i, pressure in ((1, 200.0), (2, 100.0))
+    )
+    passage = gx.Orifice(first, second, area=ring, name="passage")
+    run = gx.Simulation(gx.Scene(film, passage), gx.Midpoint(dt=1e-4))
+    assert gx.probes.RingArea(ring)(run) < 1e-16
+    loop = Loop(ring, run.system.equations.compiled[0]._system)
+    assert not loop.aperture_gradient(run.stepper.dt).any()
+    tape = gx.analysis.RunTape(run)
+    run.run(until=3e-4)
+    found = gx.analysis.gradient(
+        tape, of=gx.analysis.ChamberPressure(second), by=["film.thickness", "film.initial_velocity"]
+    )
+    assert all(np.isfinite(one.values).all() for one in found)
 
 
 def cylinder_with_a_piston(

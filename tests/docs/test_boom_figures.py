@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
 
@@ -15,6 +14,18 @@ from gossamer_fx.analysis.answer_spread import Spread, Verdict
 from gossamer_fx.analysis.cases.results import read_results
 
 ROOT = Path(__file__).parents[2]
+# Rows of the table of the tutorial.
+QUANTITIES = (
+    "halfway [ms]",
+    "arrived [ms]",
+    "tip speed [m/s]",
+    "pressure [Pa]",
+    "stiffness along z [N/m]",
+    "swing [%]",
+    "ring 1 [ms]",
+    "ring 2 [ms]",
+    "ring 3 [ms]",
+)
 
 
 @pytest.fixture(scope="module")
@@ -57,20 +68,17 @@ def test_the_first_page_says_what_is_determined_of_the_boom(found: Spread) -> No
     assert is_range(said(page, r"each fold opens \(# to # ms\) is not determined"), ring)
 
 
-def test_the_tutorial_says_the_ranges_of_the_study(found: Spread) -> None:
-    page = "docs/tutorials/folded_tube.md"
-    for quantity, words in {
-        "halfway [ms]": r"half of the length is out \[ms\]",
-        "tip speed [m/s]": r"largest speed of the tip \[m/s\]",
-    }.items():
+def test_the_tutorial_says_the_verdicts_of_the_study(
+    found: Spread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import evidence
+
+    rows = evidence.tables("folded_tube")["folded_tube"].rows
+    judged = [row.cells for row in rows if row.cells[3] != "closed form"]
+    assert len(judged) == len(QUANTITIES)
+    for (_, _, this_run, kind, low, high), quantity in zip(judged, QUANTITIES, strict=True):
         verdict = found.verdict(quantity)
-        assert verdict.kind == "not determined"
-        [usual, low, high] = said(page, rf"\| {words} \| # \| not determined: # to #")
-        assert math.isclose(low, verdict.low, abs_tol=0.05)
-        assert math.isclose(high, verdict.high, abs_tol=0.05)
+        assert kind == verdict.kind
         # The run of another day, or another machine, lies in the range, too.
-        assert low <= usual <= high
-    pressure = found.verdict("pressure [Pa]")
-    [value, percent] = said(page, r"pressure at 250 ms \[Pa\] \| # \| determined to # %")
-    assert math.isclose(value, pressure.value, rel_tol=pressure.largest_change)
-    assert percent == round(100 * pressure.largest_change)
+        assert float(low) <= float(this_run) <= float(high)

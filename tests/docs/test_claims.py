@@ -57,6 +57,15 @@ def test_times_at_equal_errors_are_those_of_the_result_files(
         assert any(peer.title() in row.cells and said in row.cells for row in rows)
 
 
+@pytest.mark.parametrize("error", [0.0262, 0.0090])
+def test_times_of_the_ring_at_equal_errors_are_those_of_the_result_files(
+    evidence, error: float
+) -> None:
+    ratio = cost_at("ring", "kratos", error) / cost_at("ring", "gossamer", error)
+    said = [f"{100 * error:.1f}", f"{ratio:.0f}"]
+    assert said in [row.cells for row in evidence.tables("benchmark")["ring"].rows]
+
+
 def test_the_antenna_is_compared_with_the_other_program_as_the_file_says() -> None:
     stored = read_results(antenna_reference.STORED, antenna_reference.NAME)
     # With the same discretisation both programs agree to 1 mm, at every stored instant.

@@ -12,13 +12,15 @@ from gossamer_fx.app.cli.demo import demos_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
-PAGES += ("verification", "choose", "damping", "statics", "step_size")
+PAGES += ("verification", "choose", "damping", "files", "folded_tube", "modes", "statics")
+PAGES += ("step_size", "contact", "gas", "gradients", "orbit", "plates", "reduction", "step")
+PAGES += ("thermal", "wrinkling")
 # Parts that other commands make from result files, which have their own tests.
 MADE_ELSEWHERE = re.compile(
     r"<!-- (measured|benchmark|spread)( \w+)? -->.*?<!-- /\1 -->", re.DOTALL
 )
 # Tables of other things: the form and the inputs of case files, calls, laws and their choice.
-NOT_EVIDENCE = {"measured": 3, "choose": 1, "damping": 2, "statics": 3}
+NOT_EVIDENCE = {"measured": 3, "choose": 1, "contact": 1, "damping": 2, "files": 1, "statics": 3}
 
 
 @pytest.fixture
@@ -27,6 +29,11 @@ def evidence(monkeypatch: pytest.MonkeyPatch):
     import evidence
 
     return evidence
+
+
+def test_every_file_of_records_has_its_page(evidence) -> None:
+    assert sorted(PAGES) == sorted(evidence.PAGES)
+    assert sorted(PAGES) == sorted(path.stem for path in evidence.FOLDER.glob("*.toml"))
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -40,6 +47,9 @@ def test_every_table_of_evidence_has_records(evidence, page: str) -> None:
     rest = evidence._BETWEEN.sub("", MADE_ELSEWHERE.sub("", text))
     without = re.findall(r"^\|[-| :]+\|$", rest, re.MULTILINE)
     assert len(without) == NOT_EVIDENCE.get(page, 0)
+    # And no record is left that no page shows.
+    shown = [name for name, _ in evidence._BETWEEN.findall(text)]
+    assert sorted(shown) == sorted(evidence.tables(page))
 
 
 def names_of(folder: str, suffix: str) -> set[str]:

@@ -1,6 +1,5 @@
 """What must not change a result, over all kinds of scenes: a body that touches nothing; flags and
-stability in each description; derivatives agree with differences or are refused; orders are those
-that docstrings name."""
+stability in each description; orders are those that docstrings name."""
 
 from __future__ import annotations
 
@@ -12,7 +11,6 @@ from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.sensitivity.variables import AdjointFields, _names_of, find_variables
 from gossamer_fx.analysis.vibration import natural_modes
 from gossamer_fx.meshes.sheet import sheet
 from tests.invariance.kinds import KINDS, Kind
@@ -21,9 +19,6 @@ from tests.invariance.transformations import ALL_AT_ONCE, SAME, SINGLE, Descript
 
 AT_REST = [kind for kind in KINDS if kind.dt == 0]
 at_rest_kinds = pytest.mark.parametrize("kind", AT_REST, ids=lambda kind: kind.name)
-
-# Step of differences, over the value of a parameter.
-STEP = 1e-4
 
 TIGHT = gx.Tolerances(relative=1e-13)
 
@@ -83,57 +78,6 @@ def test_flags_and_stability_do_not_depend_on_the_description(kind: Kind, name: 
     *as_written, as_written_unstable, free_as_written, slack_as_written = flags(kind, SAME)
     assert (found, free, slack) == (as_written, free_as_written, slack_as_written)
     assert unstable == as_written_unstable
-
-
-@at_rest_kinds
-def test_every_derivative_agrees_with_differences_or_is_refused(kind: Kind) -> None:
-    """Of the energy and of a point of each scene, by each of its parameters, along a direction."""
-    at = Description(SAME, MPI.COMM_SELF)
-    made = kind.make(at)
-    search = gx.analysis.Continuation(tolerance=1e-11)
-    equilibrium = gx.Equilibrium(gx.Scene(*made.parts), search)
-    equilibrium.find(progress=False)
-    system = equilibrium.system
-    point = made.ports[sorted(made.ports)[-1]]
-    results = [gx.analysis.Energy(), gx.probes.Position(point, "z")]
-    names = [
-        f"{item.name}.{what}"
-        for item in system.unknowns.items
-        if hasattr(item, "name")
-        for what in _names_of(system, item, False, ())
-        if what != "shape"
-    ]
-    compared = 0
-    for name in names:
-        try:
-            found = [gx.analysis.gradient(equilibrium, of=one, by=[name])[name] for one in results]
-        except gx.InputError as refusal:
-            assert name.partition(".")[0] in str(refusal) or "gradient" in str(refusal)
-            continue
-        (variable,) = find_variables(system, [name], AdjointFields(system), in_time=False)
-        given = variable.get().copy()
-        size = float(np.abs(given).max())
-        if size == 0:
-            continue
-        ends = []
-        for side in (1, -1):
-            variable.set(given * (1 + side * STEP))
-            for compiled in system.equations.differentiable:
-                compiled.parameters_changed()
-            equilibrium.find(progress=False)
-            ends.append([one(equilibrium) for one in results])
-        variable.set(given)
-        for compiled in system.equations.differentiable:
-            compiled.parameters_changed()
-        equilibrium.find(progress=False)
-        for derivative, up, down in zip(found, *ends, strict=True):
-            along = float((derivative.values * given).sum())
-            difference = (up - down) / (2 * STEP)
-            # What does not change within the tolerance of the search has no digits.
-            noise = 1e-9 * max(abs(up), abs(down), 1e-6) / STEP
-            assert along == pytest.approx(difference, rel=1e-3, abs=noise), name
-            compared += 1
-    assert compared > 3
 
 
 # The order in dt that the docstring of each stepper names.

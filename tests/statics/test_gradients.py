@@ -197,13 +197,16 @@ def direction(variable, seed: int) -> np.ndarray:
     return np.column_stack(waves[:size]).ravel()
 
 
-def check_against_differences(equilibrium, names, results, changes, begin=lambda: None) -> None:
+def check_against_differences(
+    equilibrium, names, results, changes, begin=lambda: None, agreement=AGREEMENT
+) -> None:
     """Compare gradients of results at an equilibrium with central differences.
 
     Args:
         changes: relative changes of a parameter, of which the best is compared: truncation falls
             and round-off grows with smaller ones.
         begin: called before each search.
+        agreement: of the best difference.
     """
     comm = equilibrium.system.comm
     equilibrium.find()
@@ -229,7 +232,7 @@ def check_against_differences(equilibrium, names, results, changes, begin=lambda
             difference = at(variable, values + step * change) - at(variable, values - step * change)
             errors.append(np.abs(difference / (2 * step) / exact - 1))
         at(variable, values)
-        assert np.min(errors, axis=0).max() < AGREEMENT, (variable.name, exact, errors)
+        assert np.min(errors, axis=0).max() < agreement, (variable.name, exact, errors)
 
 
 @pytest.mark.mpi(3)

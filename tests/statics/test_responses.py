@@ -47,11 +47,16 @@ def test_an_oscillator_with_all_kinds_of_damping(comm):
     point, equilibrium = oscillator(comm, damping=c)
     height = gx.probes.Position(point.port(), "z")
     speed = gx.probes.Velocity(point.port(), "z")
+    softest = next(one for one in equilibrium.scene.items if one.name == f"to {(0.0, 0.0, 1.0)}")
     f = np.array([0.0, 1.0, OWN, 5.0])
     found = harmonic_response(
         equilibrium,
         modes(equilibrium, 3),
-        of={"z [m]": height, "speed [m/s]": speed},
+        of={
+            "z [m]": height,
+            "speed [m/s]": speed,
+            "to the ground [N]": gx.probes.Reaction(softest, "z"),
+        },
         frequencies=f,
         loads=[gx.loads.Force(point.port(), (0.0, 0.0, 3.0))],
         loss_factor=η,
@@ -63,6 +68,9 @@ def test_an_oscillator_with_all_kinds_of_damping(comm):
     np.testing.assert_allclose(found.values["z [m]"], exact, rtol=1e-10)
     np.testing.assert_allclose(found.values["speed [m/s]"], 1j * ω * exact, rtol=1e-10, atol=1e-20)
     np.testing.assert_allclose(found.acceleration("z [m]"), -(ω**2) * exact, rtol=1e-10, atol=1e-20)
+    # What the ground exerts through the spring, with its share of the loss.
+    force = -STIFFNESS * (1 + 1j * η) * exact
+    np.testing.assert_allclose(found.values["to the ground [N]"], force, rtol=1e-10)
     assert found.peak("z [m]") == (f[2], pytest.approx(abs(exact[2])))
     assert found.phase("z [m]")[2] == pytest.approx(np.angle(exact[2]), rel=1e-8)
     # The shape of the vibration, as one mode.
@@ -163,13 +171,20 @@ def test_a_string_whose_ends_move(comm):
     found = harmonic_response(
         equilibrium,
         modes(equilibrium, 10),
-        of={"w [m]": gx.probes.Position(cable.port_at((0.5, 0.0, 0.0)), "z")},
+        of={
+            "w [m]": gx.probes.Position(cable.port_at((0.5, 0.0, 0.0)), "z"),
+            "force [N]": gx.probes.Reaction(ends[0], "z"),
+        },
         frequencies=f,
         base_acceleration=(0.0, 0.0, 2.0),
     )
     ω = 2 * np.pi * f
     exact = 2.0 / ω**2 * (1 - 1 / np.cos(ω * np.sqrt(0.1 / 10.0) / 2))
     np.testing.assert_allclose(found.values["w [m]"], exact, rtol=1e-2)
+    # T w' at one end, T = 10 N: half of what all of its mass needs.
+    κ = ω * np.sqrt(0.1 / 10.0)
+    force = 10.0 * 2.0 / ω**2 * κ * np.tan(κ / 2)
+    np.testing.assert_allclose(found.values["force [N]"], force, rtol=0.015)
     with_ground = -(ω**2) * found.values["w [m]"] + 2.0
     np.testing.assert_allclose(found.acceleration("w [m]"), with_ground)
 

@@ -415,8 +415,8 @@ def test_the_size_of_the_shown_motion_is_a_share_of_the_scene(comm, folder):
 
 @pytest.mark.parametrize("first_step", [2e-4, 2e-1])
 def test_an_equilibrium_counts_no_power_times_pseudo_time(comm, first_step, tmp_path):
-    """In wind, with damping of film and of a spring: what is supplied is at most the force times
-    the way, and nothing is dissipated."""
+    """In wind, with damping of film and of a spring: nothing is supplied or dissipated, whatever
+    the pseudo-steps are."""
     film = gx.Membrane(sheet(comm, 4, 4), gx.Miyazaki(3e8, 0.3, density=1200.0, thickness=5e-4))
     speed = 6.0
     wind = gx.loads.AirDrag(film, 1.225, drag_coefficient=1.2, wind=(0.0, 0.0, speed))
@@ -426,9 +426,8 @@ def test_an_equilibrium_counts_no_power_times_pseudo_time(comm, first_step, tmp_
     scene = gx.Scene(film, wind, gx.Damping(film, stiffness_factor=1e-3), damper, *edges)
     equilibrium = gx.Equilibrium(scene, gx.analysis.Continuation(first_step=first_step))
     totals = equilibrium.find().totals
-    force = 0.5 * 1.225 * 1.2 * speed**2
-    way = gx.probes.Position(middle, "z")(equilibrium)
+    assert sum(totals.stored.values()) > 0.04
     assert totals.dissipated == 0.0
-    assert sum(totals.stored.values()) < totals.supplied < 1.1 * force * way
+    assert totals.supplied == 0.0
     gx.outputs.record(equilibrium, [gx.Ledger(tmp_path / "ledger.csv")])
     assert "dissipated [J]" in (tmp_path / "ledger.csv").read_text()

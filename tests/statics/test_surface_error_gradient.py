@@ -14,16 +14,22 @@ LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
 
 def bowl(X):
     """A dish that no surface of the search fits."""
-    return np.vstack([0 * X[:2], 0.3 * X[0] ** 2 + 0.1 * X[1] ** 2 + 0.05 * np.sin(5 * X[0])])
+    return np.vstack(
+        [0 * X[:2], 0.3 * X[0] ** 2 + 0.1 * X[1] ** 2 + 0.05 * np.sin(5 * X[0] + X[1])]
+    )
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("surface", ["plane", "paraboloid", "sphere"])
-def test_derivative_by_positions(comm, surface, order):
+@pytest.mark.parametrize("quantity", ["rms", "peak_to_valley", "tilt", "radius", "focal_length"])
+def test_derivative_by_positions(comm, surface, order, quantity):
+    if surface == "plane" and quantity in ("radius", "focal_length"):
+        pytest.skip("a plane has none")
     film = gx.Membrane(crossed_sheet(comm, 4, 3, 1.0, 0.7), LAW, order=order, displacement=bowl)
-    system = gx.Equilibrium(gx.Scene(film)).system
-    error = gx.probes.SurfaceError(film, surface)
+    equilibrium = gx.Equilibrium(gx.Scene(film))
+    system = equilibrium.system
+    error = gx.probes.SurfaceError(film, surface, quantity=quantity)
     q = system.unknowns.q0
     by_position, by_velocity, direction = (system.unknowns.numbering.vector() for _ in range(3))
     error.add_derivative(system, by_position, by_velocity)
@@ -35,18 +41,14 @@ def test_derivative_by_positions(comm, surface, order):
     values = []
     for sign in (1, -1):
         q.axpy(sign * 1e-6, direction)
-        values.append(error(_View(system)))
+        values.append(error(equilibrium))
         q.axpy(-sign * 1e-6, direction)
     assert by_position.dot(direction) == pytest.approx(np.diff(values)[0] / -2e-6, rel=1e-6)
 
 
-class _View:
-    def __init__(self, system):
-        self.system = system
-
-
 @pytest.mark.mpi
-def test_gradient_of_an_equilibrium(comm):
+@pytest.mark.parametrize("quantity", ["rms", "focal_length", "peak_to_valley"])
+def test_gradient_of_an_equilibrium(comm, quantity):
     """By the pressure under a film: differences of equilibria."""
 
     def found(pressure):
@@ -56,12 +58,12 @@ def test_gradient_of_an_equilibrium(comm):
         return film, at_rest(*rim, load)
 
     film, equilibrium = found(500.0)
-    error = gx.probes.SurfaceError(film, "paraboloid")
+    error = gx.probes.SurfaceError(film, "paraboloid", quantity=quantity)
     by_pressure = gx.analysis.gradient(equilibrium, of=error, by=["load.pressure"])
     values = []
     for pressure in (500.5, 499.5):
         other, state = found(pressure)
-        values.append(gx.probes.SurfaceError(other, "paraboloid")(state))
+        values.append(gx.probes.SurfaceError(other, "paraboloid", quantity=quantity)(state))
     assert float(np.sum(by_pressure["load.pressure"].values)) == pytest.approx(
         values[0] - values[1], rel=1e-4
     )
@@ -73,5 +75,10 @@ def test_what_has_no_derivative_is_refused(comm):
     vectors = [system.unknowns.numbering.vector() for _ in range(2)]
     with pytest.raises(gx.InputError, match="no derivative; start from another shape"):
         gx.probes.SurfaceError(flat).add_derivative(system, *vectors)
-    with pytest.raises(gx.InputError, match="take the rms"):
+    with pytest.raises(gx.InputError, match="not tilted, where its tilt has no derivative"):
         gx.probes.SurfaceError(flat, quantity="tilt").add_derivative(system, *vectors)
+    dish = gx.probes.SurfaceError(flat, "paraboloid", quantity="focal_length")
+    with pytest.raises(gx.InputError, match="no curvature, so that its focal_length has no"):
+        dish.add_derivative(system, *vectors)
+    with pytest.raises(gx.InputError, match='at the "mean" has no derivative'):
+        gx.probes.SurfaceError(flat, at="mean").add_derivative(system, *vectors)

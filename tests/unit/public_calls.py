@@ -49,6 +49,7 @@ UNCALLED = {
     "analysis.Mode",
     "analysis.HarmonicResponse",
     "analysis.RandomResponse",
+    "analysis.StateSpace",
     "NoEquilibrium",
     "OutputFailure",
 }
@@ -276,12 +277,28 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         sine=np.sin(np.arange(20.0)),
     )
     add("analysis.Frequency", equilibrium=inputs.equilibrium, number=1)
+    add(
+        "analysis.PointStiffness",
+        equilibrium=inputs.equilibrium,
+        port=inputs.film.port_at((0.5, 0.5, 0.0)),
+        direction=(0.0, 0.0, 1.0),
+    )
+    add("analysis.SmoothStress", film=film, exponent=20.0, limit=1e6, group="film")
     add("analysis.Limit", of=gx.analysis.Energy(), low=0.0, high=1.0)
     add("analysis.Functional", value=lambda run: 0.0, derivative=lambda run: {}, unit="m")
     add("analysis.Integral", body=film, form=lambda q: q[2] * film.dx, unit="m³")
     add("analysis.EdgeCable", body=film, edges="left", force=1.0)
     add("loads.EdgeLoad", body=film, edges="left", force=z)
     add("loads.EdgeMoment", body=plate, edges="left", moment=1.0)
+    add(
+        "materials.Fabric",
+        warp=([0.0, 0.01, 0.03], [0.0, 2e3, 20e3]),
+        weft=([0.0, 0.03], [0.0, 3e3]),
+        shear=([0.0, 0.1], [0.0, 500.0]),
+        density=800.0,
+        thickness=3e-4,
+        direction=(1.0, 0.0, 0.0),
+    )
     add("materials.MooneyRivlin", C1=1e5, C2=1e4, density=950.0, thickness=1e-3)
     add("materials.NeoHooke", shear_modulus=1e5, density=950.0, thickness=1e-3)
     add("Elastica", **film_law, half_wavelength=0.01)
@@ -500,6 +517,14 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     }
     add("analysis.harmonic_response", **vibration, frequencies=[1.0, 2.0])
     add("analysis.random_response", **vibration, density=1e-3, band=(1.0, 2.0))
+    add(
+        "analysis.state_space",
+        **vibration
+        | {
+            "loads": {"weight": [gx.Gravity(inputs.film, (0.0, 0.0, 1.0))]},
+            "base_acceleration": {},
+        },
+    )
     add("analysis.imperfect_mesh", body=inputs.film, mode=inputs.modes[0], amplitude=1e-3)
     add("analysis.equilibria", equilibrium=gx.Equilibrium(scene), starts=2, perturbation=0.01)
     add(

@@ -110,6 +110,14 @@ def test_a_blower_works_where_its_curve_meets_the_leak():
     assert closes(run)
 
 
+def test_a_blower_moves_the_density_of_the_gas_that_it_takes_in():
+    """From cold thin helium into hot dense nitrogen; neither gas, pressure nor temperature of the
+    other side counts."""
+    blower = gx.gas.Blower(tank(9.9e4, HELIUM, "a"), tank(1e5, name="b"), curve=CURVE)
+    flow = blower.flow((HELIUM, NITROGEN), 2.0, (9.9e4, 1e5), (250.0, 400.0))
+    assert flow == pytest.approx(2 * 9.9e4 / (HELIUM.R * 250.0) * CURVE(1000.0), rel=1e-12)
+
+
 def test_stirred_helium_and_nitrogen_are_one_mixture_at_300_kelvin():
     """Helium of 4e5 Pa in 0.01 m³ and nitrogen of 2e4 Pa in 0.02 m³ that a blower stirs until both
     tanks hold one mixture: p = ΣpV/ΣV = 146 666.7 Pa at the temperature and energy of before."""

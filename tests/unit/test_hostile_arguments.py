@@ -56,7 +56,7 @@ NOT_REPLACED = ("name", "title", "comm", "path", "folder")
 NOT_CALLED = ("Simulation", "Equilibrium", "Case", "plot.RunReader", "fields.LineValues")
 
 # The scene of the valid call is refused or does not converge: only what is made is tried.
-REFUSED_AS_THEY_ARE = {"Frame", "StartFrom", "gas.Ambient"}
+REFUSED_AS_THEY_ARE = {"StartFrom", "gas.Ambient"}
 
 
 def fail(*given: Any) -> Any:

@@ -15,6 +15,7 @@ from gossamer_fx.core.mesh.enclosed_volume import enclosed_by
 from gossamer_fx.core.mesh.quality import corner_points, shape_quality, sizes
 from gossamer_fx.meshes.arc_polygon import arc_polygon, arc_radius
 from gossamer_fx.meshes.revolved import balloon, bulkhead_tube, dish, hull, torus
+from gossamer_fx.meshes.sphere import sphere
 from tests.small_scenes import LINEAR, WRINKLING, at_rest
 
 # Closed shapes by the number of cells, and their volumes [m³].
@@ -193,3 +194,11 @@ def test_meshes_refuse_what_they_cannot_make(comm) -> None:
     ):
         with pytest.raises(gx.InputError, match=words):
             call()
+
+
+@pytest.mark.parametrize("radius", [1e-8, 1e-5, 1e6])
+def test_a_sphere_has_the_same_mesh_at_each_size(radius):
+    """gmsh's tolerances are lengths: a sphere of 1e6 m had five nodes."""
+    expected = sphere(MPI.COMM_SELF, 1.0, 8, order=2).domain.geometry.x
+    found = sphere(MPI.COMM_SELF, radius, 8, order=2).domain.geometry.x
+    np.testing.assert_allclose(found / radius, expected, atol=1e-12)

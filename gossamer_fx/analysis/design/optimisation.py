@@ -174,7 +174,8 @@ def gradient(source: Equilibrium | RunTape, *, of: Objective, by: Sequence[str])
     mesh, constant loads (pressure, force, g), stiffness and length of springs and ropes, stiffness
     and rest angle of creases and torsion springs.  Fixed coordinates do not move when the
     stress-free shape changes. Of a run, "body.initial_position" and "body.initial_velocity" are
-    parameters, too; so are the gains of attitude control, and friction and stiffness of contact.
+    parameters, too, by which fixed coordinates count as zero; so are the gains of attitude control,
+    and friction and stiffness of contact.
     Friction and yielding are piecewise smooth: the gradient is that of what slips in this run, as
     `Gradient.notes` says. Of gas they are pressure, temperature and volume of chambers and tanks at
     the start of the tape ("tank.pressure", "tank.volume", "bag.dead_volume"), area and

@@ -14,11 +14,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.analysis.sensitivity.along_shape import StiffnessAlong
 from gossamer_fx.analysis.sensitivity.objectives import Energy, add_gas_pressures
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.static_solver import StaticSolver
@@ -33,8 +36,9 @@ from gossamer_fx.analysis.sensitivity.variables import (
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector
-from gossamer_fx.records.probes.objective import Objective
+from gossamer_fx.records.probes.objective import ForceObjective, Objective
 from gossamer_fx.records.probes.points import AXES, Position
+from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import Sought
 
 # Work of a change of a parameter on a free motion, over that of its parts with random signs, up to
@@ -76,21 +80,102 @@ def point_stiffness(
         >>> f"{along:.3f}, {across:.3f} N/m"
         '100.000, 10.000 N/m'
     """
+    return PointStiffness(equilibrium, port, direction=direction)(equilibrium)
+
+
+@check_arguments
+class PointStiffness(Objective):
+    """Stiffness dF/du [N/m] of a point about an equilibrium, as a result with derivatives; see
+    `point_stiffness`.
+
+    With the displacements u under a unit force, dF/du = k = 1/(w·u) and ∂k = k² u·∂K u.
+
+    Args:
+        equilibrium: of a scene without contact and gas.
+        port: the point, e.g. the tip of a boom.
+        direction: of force and displacement; its length does not matter.
+
+    Raises:
+        InputError: as `point_stiffness`; when derived: the scene has contact or gas, or loads make
+            the stiffness unsymmetric.
+
+    Example:
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=0.9)
+        >>> equilibrium = gx.Equilibrium(
+        ...     gx.Scene(mass, spring, gx.Gravity(mass, (0.0, 0.0, -10.0)))
+        ... )
+        >>> result = equilibrium.find()
+        >>> along = gx.analysis.PointStiffness(equilibrium, mass.port())
+        >>> found = gx.analysis.gradient(equilibrium, of=along, by=["spring.stiffness"])
+        >>> found["spring.stiffness"].values.round(6), found.unit
+        (array([1.]), 'N/m')
+    """
+
+    unit = "N/m"
+
+    def __init__(
+        self, equilibrium: Sought, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
+    ) -> None:
+        self._equilibrium = equilibrium
+        self._row = partial(_row_of, equilibrium.system, port, direction)
+        self._adjoint: StaticAdjoint | None = None
+        # Of the state that was derived last: u, and k².
+        self._shape: PETSc.Vec | None = None
+        self._factor = 0.0
+
+    def __call__(self, run: Any) -> float:
+        """The stiffness in the equilibrium of this object, whatever `run` is."""
+        compliance, shape = self._compliance()
+        shape.destroy()
+        return 1 / compliance if compliance else math.inf
+
+    def _compliance(self) -> tuple[float, PETSc.Vec]:
+        """w·K⁻¹ w [m/N], and K⁻¹ w as a new vector.  Collective."""
+        row = self._row()
+        if self._adjoint is None:
+            self._adjoint = StaticAdjoint(self._equilibrium, "point_stiffness")
+        self._adjoint.factorise()
+        shape = self._adjoint.solve(row, "the stiffness of the point").copy()
+        compliance = float(shape.dot(row))
+        row.destroy()
+        return compliance, shape
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative by the coordinates; the other ones are then those of this state."""
+        compliance, self._shape = self._compliance()
+        check(
+            compliance != 0,
+            "PointStiffness: the point is fixed, where its stiffness has no derivative; give "
+            "another one.",
+        )
+        self._factor = 1 / compliance**2
+        self._along(system).add_by_position(by_position)
+
+    def _along(self, system: System) -> StiffnessAlong:
+        assert self._shape is not None, "the stiffness is derived first"
+        return StiffnessAlong(system, self._shape, self._factor, "PointStiffness")
+
+    def residual_parts(self, system: System) -> list[tuple[PETSc.Vec, PETSc.Vec]]:
+        return self._along(system).residual_parts()
+
+
+def _row_of(system: System, port: Port, direction: Vector) -> PETSc.Vec:
+    """The row w by which the unknowns give the displacement of a point along a direction, a new
+    vector.  Collective."""
     unit = np.asarray(direction, dtype=float)
     length = float(np.linalg.norm(unit))
     check(length > 0, "point_stiffness: the direction is zero; give that of the force.")
-    of_unknowns = equilibrium.system.unknowns.numbering.vector()
+    of_unknowns = system.unknowns.numbering.vector()
     for axis, component in zip(AXES, unit / length, strict=True):
         if component:
-            row = equilibrium.system.unknowns.numbering.vector()
-            Position(port, axis).add_derivative(equilibrium.system, row, row)
+            row = system.unknowns.numbering.vector()
+            Position(port, axis).add_derivative(system, row, row)
             of_unknowns.axpy(component, row)
             row.destroy()
-    adjoint = StaticAdjoint(equilibrium, "point_stiffness")
-    adjoint.factorise()
-    compliance = adjoint.solve(of_unknowns, "the stiffness of the point").dot(of_unknowns)
-    of_unknowns.destroy()
-    return 1 / compliance if compliance else math.inf
+    return of_unknowns
 
 
 class StaticAdjoint:
@@ -216,17 +301,52 @@ class StaticGradients(StaticAdjoint):
         self._by_velocity.set(0.0)
         objective.add_derivative(system, self._by_position, self._by_velocity)
         add_gas_pressures(objective, system, self._gas, self._by_position)
-        self._adjoint.set(self.solve(self._by_position, type(objective).__name__))
-        explicit = self._explicit_derivatives(objective)
-        for variable, derivatives in zip(self.variables, explicit, strict=True):
+        self.solve(self._by_position, type(objective).__name__)
+        self._adjoint.set(self._λ)
+        for variable in self.variables:
             variable.start()
             variable.add_residual(self._λ, with_inertia=False)
+        self._add_residual_parts(objective)
+        self._add_mass_parts(objective)
+        explicit = self._explicit_derivatives(objective)
+        for variable, derivatives in zip(self.variables, explicit, strict=True):
             for derivative in derivatives:
                 variable.sum += derivative.assemble()
             if isinstance(objective, Energy) and isinstance(variable, PointVariable):
                 variable.sum += variable.energy_derivative()
+            if isinstance(objective, ForceObjective) and isinstance(variable, PointVariable):
+                variable.add_by_number(partial(objective.by_number, system))
         value = objective(self._equilibrium)
         return collected(value, objective.unit, self.variables, system.comm, notes=self._notes)
+
+    def _add_residual_parts(self, objective: Objective) -> None:
+        """Add Σ w·∂r/∂θ(q) of a result that depends on the residual.  Collective."""
+        system = self._system
+        for q, weights in objective.residual_parts(system):
+            system.equations.set_end(q)
+            weights.scale(-1.0)
+            self._adjoint.set(weights)
+            for variable in self.variables:
+                variable.add_residual(weights, with_inertia=False)
+            q.destroy()
+            weights.destroy()
+        system.equations.set_end(system.unknowns.q0)
+
+    def _add_mass_parts(self, objective: Objective) -> None:
+        """Add Σ w·∂M/∂θ v of a result that depends on masses.  Collective."""
+        parts = objective.mass_parts(self._system)
+        for variable in self.variables:
+            check(
+                not (parts and variable.changes_mass),
+                f"gradient: '{variable.name}' changes a mass, whose derivative is not known; leave "
+                f"it out, as the {type(objective).__name__} depends on it.",
+            )
+        for v, weights in parts:
+            self._adjoint.set(weights)
+            self._adjoint.set_inertia(v)
+            for variable in self.variables:
+                if isinstance(variable, FormVariable):
+                    variable.sum += variable.inertia_derivative()
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
         """The direct derivatives ∂J/∂θ of a result J by each variable θ, as forms that are compiled

@@ -21,14 +21,18 @@ from gossamer_fx.analysis.sensitivity.objectives import CrossingTime, Energy, Sc
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.tape import RecordedState, RunTape
 from gossamer_fx.analysis.sensitivity.variables import (
+    SHAPE,
     AdjointFields,
     FormDerivative,
     FormVariable,
+    InitialVariable,
     PointVariable,
     find_variables,
 )
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.terms.element_energies import ElementEnergies
 from gossamer_fx.records.probes.objective import Objective
+from gossamer_fx.records.probes.points import Position
 
 LOGGER = logging.getLogger("gossamer_fx")
 
@@ -69,6 +73,7 @@ class TransientGradients:
         time = system.unknowns.time
         try:
             value, duration = self._sum_up(objective)
+            notes = self._notes_on_the_start()
         finally:
             # Also where a step cannot be repeated: the run goes on from here.
             self._tape.restore(present)
@@ -76,7 +81,6 @@ class TransientGradients:
             system.unknowns.time = time
         growth = growth_of(self.norms)
         self._warn(growth, duration)
-        notes: list[str] = []
         for compiled in system.equations.differentiable:
             notes += compiled.gradient_notes()
         return collected(
@@ -87,6 +91,24 @@ class TransientGradients:
             growth=growth,
             notes=notes,
         )
+
+    def _notes_on_the_start(self) -> list[str]:
+        """One sentence for each film whose motion and shape results have no derivative by, as it
+        starts without strain; the system stands at the start.  Collective."""
+        names = [
+            variable.name
+            for variable in self.variables
+            if variable.name.endswith(f".{SHAPE}") or isinstance(variable, InitialVariable)
+        ]
+        if not names:
+            return []
+        return [
+            f"'{film}' has points without strain at the start, between taut and slack, where its "
+            f"stress has a kink: by {', '.join(names)} the gradient is that of one side, as long "
+            "as the film is not strained"
+            for compiled in self._system.equations.compiled_as(ElementEnergies)
+            for film in compiled.unstrained_films()
+        ]
 
     def _sum_up(self, objective: Objective) -> tuple[float, float]:
         """Go backwards through the steps, and add up the derivatives of a result by the variables.
@@ -113,7 +135,7 @@ class TransientGradients:
             if start.index in shares:
                 self._add_result(observed, start, shares[start.index])
             self.norms.append(float(self._by_velocity.norm()))
-        self._finish_scalars()
+        self._finish_at_start(observed, sum(shares.values()))
         self._add_masses()
         for variable in self.variables:
             variable.add_start(self._by_position, self._by_velocity)
@@ -137,15 +159,19 @@ class TransientGradients:
         value, shares = objective.found(times, values)
         return value, objective.of, shares
 
-    def _finish_scalars(self) -> None:
-        """Add what the initial state of the scalar unknowns gives; the system then stands at the
-        start."""
-        scalars = self.steps.scalars
-        if not scalars.size:
-            return
+    def _finish_at_start(self, observed: Objective, share: float) -> None:
+        """Add what the initial state gives in another way than through the steps; the system then
+        stands at it.  `share` is the derivative of the value by all that is observed."""
+        system = self._system
         self._tape.restore(self._tape.states[0])
-        with self._by_position as by_position:
-            scalars.finish(by_position)
+        if isinstance(observed, Position):
+            observed.add_initial_derivative(system, share, self._by_position)
+        for compiled in system.equations.differentiable:
+            compiled.add_initial_derivatives(self._by_position)
+        scalars = self.steps.scalars
+        if scalars.size:
+            with self._by_position as by_position:
+                scalars.finish(by_position)
         self.steps.clear(self._by_position)
 
     def _add_result(self, objective: Objective, state: RecordedState, share: float) -> None:

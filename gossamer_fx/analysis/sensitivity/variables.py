@@ -13,7 +13,7 @@ they depend on: constants, fields, positions of mesh nodes.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns
-from gossamer_fx.core.model.terms import MeasuresMesh, Parameter
+from gossamer_fx.core.model.terms import MeasuresMesh, MeasuresStart, Parameter
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.terms.assembly import Differentiable
@@ -223,6 +223,8 @@ class Variable(ABC):
     name: str
     unit: str
     is_distributed: bool
+    # Whether masses depend on it whose derivatives are not known.
+    changes_mass = False
 
     def __init__(self, name: str, unit: str, is_distributed: bool, size: int) -> None:
         self.name = name
@@ -329,6 +331,7 @@ class PointVariable(Variable):
         is one number or vector of all terms, or has an entry for each term, e.g. each spring of an
         item; the variable has the values of all entries, one after the other."""
         self._uses = uses
+        self.changes_mass = any(parameter.changes_mass for _, _, parameter in uses)
         entries = [parameter.entry or 0 for _, _, parameter in uses]
         compiled, term, first = uses[0]
         self._width = len(compiled.get_number(term, str(first.source)))
@@ -353,6 +356,12 @@ class PointVariable(Variable):
         for compiled, term, parameter in self._uses:
             work = compiled.work_by_number(term, str(parameter.source), μ)
             self.sum[self._part(parameter)] -= work
+
+    def add_by_number(self, derivative: Callable[[Any, Any, str], float]) -> None:
+        """Add the derivatives of a result by the numbers of its terms, this rank's share, each from
+        the compiled kind, the term and the key of the number."""
+        for compiled, term, parameter in self._uses:
+            self.sum[self._part(parameter)] += derivative(compiled, term, str(parameter.source))
 
     def energy_derivative(self) -> Array:
         """∂ψ/∂θ (k,) of the energies of its terms, this rank's share."""
@@ -516,6 +525,8 @@ def _find(
     if in_time and isinstance(item, RigidBody) and what in (SPIN, VELOCITY):
         return RigidMotionVariable(name, item, system)
     if in_time and item in system.unknowns.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
+        if what == INITIAL_POSITION:
+            _refuse_measured_start(system, name, item)
         return InitialVariable(name, item, system, what == INITIAL_VELOCITY)
     for part in scalars:
         if what in part.names_of(item):
@@ -531,6 +542,11 @@ def _find(
         f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; "
         f"it has: {', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
     )
+    check(
+        not (in_time and any(parameter.changes_mass for _, parameter in found)),
+        f"gradient: '{name}' changes a mass, whose derivative is not known, so that a run has none "
+        "by it; take the gradient of an equilibrium.",
+    )
     unit = found[0][1].unit
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}
     if coefficients:
@@ -541,6 +557,19 @@ def _find(
         compiled = next(one for one in of_kind if one.has(term))
         uses.append((compiled, term, parameter))
     return PointVariable(name, unit, uses)
+
+
+def _refuse_measured_start(system: System, name: str, body: Body) -> None:
+    """Raise `InputError` if an item of the scene keeps what it has measured on a body at first."""
+    for item in system.unknowns.items:
+        if not (isinstance(item, MeasuresStart) and item.keeps_measures()):
+            continue
+        check(
+            not any(one is body for one in item.requires()),
+            f"gradient: '{getattr(item, 'name', type(item).__name__)}' keeps what it measures in "
+            f"the initial state, so that there is no derivative by '{name}'; leave it out of the "
+            "scene.",
+        )
 
 
 def _names_of(system: System, item: Any, in_time: bool, scalars: Sequence[GasAdjoint]) -> list[str]:

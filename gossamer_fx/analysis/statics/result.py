@@ -50,7 +50,7 @@ class EquilibriumResult:
         seconds: CPU time of this rank [s], without compilation.
         totals: energies.  The kinetic energy is zero; `supplied` is the work of loads and supports
             along the path of the continuation, which is exact for dead loads and prescribed
-            pressure.
+            pressure; wind does not count.
         regular: whether Newton's iteration converges without inertia and the tangent is not
             singular.
         free: rigid motions that no support or load resists, of each part that moves independently;

@@ -58,7 +58,7 @@ from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.loads.body_forces import Centrifugal
-from gossamer_fx.records.probes.objective import Objective
+from gossamer_fx.records.probes.objective import ForceObjective, Objective
 from gossamer_fx.solve.system.system import System
 
 Complex = npt.NDArray[np.complex128]
@@ -199,7 +199,7 @@ class ModalModel:
 
     def forces_of(self, items: Iterable[Any]) -> Array:
         """Forces (unknowns of this rank,) [N] of loads that need not be in the scene, in the
-        equilibrium and at its time."""
+        equilibrium and at its time, also on fixed coordinates."""
         system = self._system
         residual = system.unknowns.numbering.vector()
         kinds: dict[Any, list[Term]] = {}
@@ -230,8 +230,7 @@ class ModalModel:
         residual.assemble()
         forces = -residual.array_r
         residual.destroy()
-        forces[system.unknowns.supports.held] = 0.0
-        return forces
+        return np.asarray(forces)
 
     def translation(self, direction: Sequence[float]) -> Array:
         """The translation of the whole scene (unknowns of this rank,), supports included, by a
@@ -251,16 +250,17 @@ class ModalModel:
         # With the columns of fixed coordinates, which move along.
         self._system.unknowns.M.mult(vector, product)
         forces = -product.array_r
-        forces[self._system.unknowns.supports.held] = 0.0
         for each in (vector, product):
             each.destroy()
         return forces
 
     # ---- shapes ----------------------------------------------------------------------------------
 
-    def response_to(self, forces: Array) -> ModalResponse:
-        """The shapes that respond to forces (unknowns of this rank,) [N], and their matrices."""
+    def response_to(self, loads: Array) -> ModalResponse:
+        """The shapes that respond to loads (unknowns of this rank,) [N], and their matrices."""
         comm = self._system.comm
+        forces = loads.copy()
+        forces[self._system.unknowns.supports.held] = 0.0
         residuals, stiffness, mass = self._residual_vectors(forces)
         shapes = np.column_stack([self._shapes, residuals])
         damping = np.column_stack([self._damping, self._damping_forces(residuals)])
@@ -280,7 +280,46 @@ class ModalModel:
             ratios=np.concatenate([self._ratios, np.full(len(mass), self._ratios[-1])]),
             loss_factor=self._loss_factor,
             forces=modal_forces,
+            loads=loads,
             gas=self._gas,
+        )
+
+    def linear(self, forces: Array, probes: Sequence[Objective]) -> LinearModes:
+        """The modes alone as a linear system for m inputs with the forces (unknowns of this rank,
+        m) [N] of their units, and k probes."""
+        comm = self._system.comm
+        for probe in probes:
+            check(
+                not isinstance(probe, ForceObjective),
+                f"{self._what}: a {type(probe).__name__} also depends on accelerations, which a "
+                "linear system does not give; take harmonic_response, or ask for positions.",
+            )
+        first = self.response_to(forces[:, 0])
+        forces = forces.copy()
+        forces[self._system.unknowns.supports.held] = 0.0
+        n = len(self._squares)
+        seen = np.array([first.rows(probe)[:, :n] for probe in probes]).reshape(-1, 2, n)
+        viscous = comm.allreduce(self._shapes.T @ self._damping)
+        # A loss factor is a damping ratio of half of it at each resonance.
+        ratios = self._ratios + self._loss_factor / 2
+        of_modes = comm.allreduce(self._shapes.T @ forces)
+        rest = forces - self._momenta @ of_modes
+        beyond = np.zeros((len(probes), forces.shape[1]))
+        for column, g in enumerate(rest.T):
+            displacement, is_solved = self._static_displacement(g)
+            check(
+                is_solved,
+                f"{self._what}: a load pushes along a motion that nothing resists and that is not "
+                "among the modes; hold it, or ask gx.analysis.modes for more of them.",
+            )
+            beyond[:, column] = [first.seen_of(probe, displacement) for probe in probes]
+        return LinearModes(
+            squares=self._squares,
+            damping=viscous + np.diag(2 * ratios * np.sqrt(self._squares)),
+            forces=of_modes,
+            by_position=seen[:, 0],
+            by_velocity=seen[:, 1],
+            beyond=beyond,
         )
 
     def _residual_vectors(self, forces: Array) -> tuple[Array, Array, Array]:
@@ -332,6 +371,26 @@ class ModalModel:
         return found, is_solved
 
 
+@dataclass(frozen=True, eq=False)
+class LinearModes:
+    """n modes of unit mass under m inputs, seen by k probes.
+
+    Attributes:
+        squares: ω² (n,) [1/s²].
+        damping: Δ (n, n) [1/s].
+        forces: Φᵀ F (n, m).
+        by_position, by_velocity: what each probe sees of a mode, and of its rate (k, n).
+        beyond: static response of what is beyond the modes (k, m).
+    """
+
+    squares: Array
+    damping: Array
+    forces: Array
+    by_position: Array
+    by_velocity: Array
+    beyond: Array
+
+
 def _products(matrix: PETSc.Mat, shapes: Array) -> Array:
     """A matrix times shapes (unknowns of this rank, n).  Collective."""
     vector = matrix.createVecRight()
@@ -360,6 +419,7 @@ class ModalResponse:
         ratios: ζ (N,).
         loss_factor: η.
         forces: Φᵀ f̂ (N,).
+        loads: f̂ (unknowns of this rank,), also on fixed coordinates.
         gas: stiffnesses of gas, see `natural_modes`.
     """
 
@@ -373,6 +433,7 @@ class ModalResponse:
     ratios: Array
     loss_factor: float
     forces: Array
+    loads: Array
     gas: Sequence[tuple[Array, float]]
 
     @property
@@ -421,23 +482,66 @@ class ModalResponse:
         right_sides = np.broadcast_to(self.forces[:, None], (len(ω), len(self.mass), 1))
         return np.asarray(np.linalg.solve(D, right_sides)[:, :, 0])
 
-    def seen(self, probe: Objective) -> Array:
+    def seen(self, probe: Objective, frequencies: Array, amplitudes: Complex) -> Complex:
+        """Complex amplitudes (m,) of a probe at frequencies (m,) [Hz], of y (m, N).  Collective."""
+        ω = 2 * math.pi * frequencies
+        if not isinstance(probe, ForceObjective):
+            rows = self.rows(probe)
+            return np.asarray(amplitudes @ rows[0] + 1j * ω * (amplitudes @ rows[1]))
+        by_position, _ = self._derivatives(probe)
+        # What supports hold bears the damping and the inertia of its nodes, too.
+        weights = probe.residual_weights(self.system)
+        inertia = weights.duplicate()
+        self.system.unknowns.M.mult(weights, inertia)
+        rows = self._of_shapes([by_position, self._damping_at(weights), inertia.array_r])
+        comm = self.system.comm
+        constant = -comm.allreduce(float(weights.array_r @ self.loads))
+        for each in (weights, inertia):
+            each.destroy()
+        stiff = (1 + 1j * self.loss_factor) * (amplitudes @ rows[0])
+        viscous = 1j * ω * (amplitudes @ rows[1])
+        return np.asarray(stiff + viscous - ω**2 * (amplitudes @ rows[2]) + constant)
+
+    def rows(self, probe: Objective) -> Array:
         """What a probe sees of each shape, (2, N): by positions, and by velocities.  Collective."""
-        return self._seen(probe, self.shapes)
+        return self._of_shapes(list(self._derivatives(probe)))
 
     def seen_of(self, probe: Objective, motion: Array) -> float:
-        """What a probe sees of a motion (unknowns of this rank,) by positions.  Collective."""
-        return float(self._seen(probe, motion[:, None])[0, 0])
+        """What a probe sees of a translation of the ground (unknowns of this rank,); nothing if it
+        is a force.  Collective."""
+        if isinstance(probe, ForceObjective):
+            return 0.0
+        by_position, _ = self._derivatives(probe)
+        return float(self.system.comm.allreduce(float(by_position @ motion)))
 
-    def _seen(self, probe: Objective, columns: Array) -> Array:
+    def _derivatives(self, probe: Objective) -> tuple[Array, Array]:
+        """Derivatives of a probe by positions and velocities (unknowns of this rank,)."""
         by_position = self.system.unknowns.numbering.vector()
         by_velocity = self.system.unknowns.numbering.vector()
         probe.add_derivative(self.system, by_position, by_velocity)
         add_gas_pressures(probe, self.system, self.gas, by_position)
-        derivatives = np.array([by_position.array_r, by_velocity.array_r])
-        found: Array = self.system.comm.allreduce(derivatives @ columns)
+        found = by_position.array_r.copy(), by_velocity.array_r.copy()
         for each in (by_position, by_velocity):
             each.destroy()
+        return found
+
+    def _of_shapes(self, rows: Sequence[Array]) -> Array:
+        """Products (n, N) of rows (unknowns of this rank,) with the shapes."""
+        found: Array = self.system.comm.allreduce(np.array(rows) @ self.shapes)
+        return found
+
+    def _damping_at(self, weights: PETSc.Vec) -> Array:
+        """Cᵀ w (unknowns of this rank,) of weights of held coordinates."""
+        system = self.system
+        found = np.zeros(weights.local_size)
+        if not dissipates(system):
+            return found
+        product = weights.duplicate()
+        for sign, duration in ((1.0, 1.0), (-1.0, LONG_PSEUDO_STEP)):
+            stand_still(system, duration)
+            system.matrices.tangent_with_supports().multTranspose(weights, product)
+            found += sign * product.array_r
+        product.destroy()
         return found
 
 

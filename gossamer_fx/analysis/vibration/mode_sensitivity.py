@@ -4,8 +4,8 @@ With K φ = ω² M φ and φ·M φ = 1 at an equilibrium r(q, θ) = 0,
 
     d(ω²)/dθ = φ·(∂K/∂θ - ω² ∂M/∂θ) φ - λ·∂r/∂θ,    Kᵀ λ = ∂(φ·K φ)/∂q                           (1)
 
-The second term is the share of the equilibrium that moves.  K φ·φ is the second derivative of the
-energy forms along φ, from which UFL derives the rest.
+The second term is the share of the equilibrium that moves; `sensitivity.along_shape` has the
+derivatives of φ·K φ.
 """
 
 from __future__ import annotations
@@ -14,11 +14,9 @@ import math
 from typing import Annotated, Any
 
 import numpy as np
-import ufl
-from dolfinx import fem, la
 from petsc4py import PETSc
-from ufl.algorithms import expand_derivatives
 
+from gossamer_fx.analysis.sensitivity.along_shape import StiffnessAlong
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import (
     ZERO_FREQUENCY_FACTOR,
@@ -28,9 +26,6 @@ from gossamer_fx.analysis.vibration.natural_modes import (
 )
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.compilation import compile_form, constant
-from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns
-from gossamer_fx.mechanics.terms.assembly import Differentiable
 from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 
@@ -38,22 +33,18 @@ from gossamer_fx.solve.system.system import System
 # frequency has no derivative.
 SMALLEST_DISTANCE = 1e-6
 
-# Largest |Kφ - Kᵀφ| over |Kφ|.  Loads that follow the film make K unsymmetric; (1) needs left
-# eigenvectors then.
-MAX_ASYMMETRY = 1e-8
-
 
 @check_arguments
 class Frequency(Objective):
     """Frequency [Hz] of a mode of an equilibrium, for `gx.analysis.gradient`.
 
     Args:
-        equilibrium: of a scene whose forces are those of films, plates, cables and their loads.
+        equilibrium: of a scene without contact and gas.
         number: of the mode, from the lowest, which is 0.
 
     Raises:
-        InputError: when derived: the scene has springs or other forces between points, loads make
-            the stiffness unsymmetric, the mode has no frequency, or another mode has the same one.
+        InputError: when derived: the scene has contact or gas, loads make the stiffness
+            unsymmetric, the mode has no frequency, or another mode has the same one.
 
     Example:
         >>> edges = [gx.Fixed(film, edge) for edge in ("bottom", "right", "top", "left")]
@@ -67,11 +58,10 @@ class Frequency(Objective):
     def __init__(self, equilibrium: Equilibrium, *, number: Annotated[int, Range(0)] = 0) -> None:
         self.number = number
         self._equilibrium = equilibrium
-        self._forms: list[ufl.Form] | None = None
-        self._shapes: dict[MeshBody, fem.Function] = {}
-        # 1/(8π² f), by which derivatives of ω² become those of f, and ω²: constants of the forms.
-        self._factors: dict[MeshBody, tuple[fem.Constant, fem.Constant]] = {}
-        self._by_position: dict[MeshBody, list[fem.Form]] = {}
+        # Of the mode that was derived last: φ, and c and ω² with ∂f = c φ·(∂K - ω² ∂M) φ.
+        self._shape: PETSc.Vec | None = None
+        self._factor = 0.0
+        self._square = 0.0
 
     def __call__(self, run: Any) -> float:
         """The frequency in the equilibrium of this object, whatever `run` is."""
@@ -110,92 +100,34 @@ class Frequency(Objective):
                 )
         return mode
 
-    def forms(self, system: System) -> list[ufl.Form]:
-        """φ·(K - ω² M) φ/(8π² f) of the mode φ that `add_derivative` found last, whose derivatives
-        at a given φ are those of f; made at the first call."""
-        if self._forms is not None:
-            return self._forms
-        _check_made_of_forms(system)
-        self._forms = []
-        for body in system.unknowns.bodies:
-            if not (isinstance(body, MeshBody) and has_nodal_unknowns(body)):
-                continue
-            q = system.unknowns.coordinates[body].q1
-            mesh = body.space.mesh
-            φ = fem.Function(body.space)
-            factor = constant(mesh, 0.0)
-            ω2 = constant(mesh, 0.0)
-            self._shapes[body] = φ
-            self._factors[body] = (factor, ω2)
-            own = []
-            for compiled in system.equations.differentiable:
-                for form in compiled.residual_forms(body, φ):
-                    # The derivative of a load that does not follow the body is empty.
-                    stiffness = expand_derivatives(ufl.derivative(form, q, φ))
-                    if not stiffness.empty():
-                        own.append(factor * stiffness)
-            w = ufl.TestFunction(body.space)
-            self._by_position[body] = [compile_form(ufl.derivative(one, q, w)) for one in own]
-            for compiled in system.equations.differentiable:
-                own += [-factor * ω2 * form for form in compiled.kinetic_forms(body, φ, φ)]
-            self._forms += own
-        return self._forms
-
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Find the mode, and add ∂f/∂q [Hz/m] at a given φ; velocities change no frequency.  Mode
-        and frequency are then constants of `forms`."""
-        self.forms(system)
+        """Find the mode, and add ∂f/∂q [Hz/m] at a given φ; velocities change no frequency.  The
+        other derivatives are then those of this mode."""
         mode = self._mode()
         shape = system.unknowns.numbering.vector()
         shape.array[:] = np.real(mode.shape)
         shape.array[system.unknowns.supports.held] = 0
-        _check_symmetric(system, shape)
         product = shape.duplicate()
         system.unknowns.M.mult(shape, product)
         shape.scale(1 / math.sqrt(product.dot(shape)))
-        ω = 2 * math.pi * mode.frequency
-        for body, φ in self._shapes.items():
-            at = system.unknowns.coordinates[body]
-            owned = system.unknowns.block(body).owned
-            at.take(φ, shape.array_r[owned])
-            factor, ω2 = self._factors[body]
-            # f = ω/(2π), and ∂(ω²) = φ·∂K φ: ∂f = φ·∂K φ/(8π² f).
-            factor.value = 1 / (8 * math.pi**2 * mode.frequency)
-            ω2.value = ω**2
-            dofs = body.space.dofmap
-            b = la.vector(dofs.index_map, dofs.index_map_bs)
-            b.array[:] = 0
-            for form in self._by_position[body]:
-                fem.assemble_vector(b.array, form)
-            b.scatter_reverse(la.InsertMode.add)
-            with by_position as values:
-                at.add_forces(b.array, values[owned])
+        self._shape = shape
+        # f = ω/(2π), and ∂(ω²) = φ·∂K φ: ∂f = φ·∂K φ/(8π² f).
+        self._factor = 1 / (8 * math.pi**2 * mode.frequency)
+        self._square = (2 * math.pi * mode.frequency) ** 2
+        system.equations.set_inertia(0.0)
+        self._stiffness(system).add_by_position(by_position)
 
+    def _stiffness(self, system: System) -> StiffnessAlong:
+        assert self._shape is not None, "the mode is derived first"
+        return StiffnessAlong(system, self._shape, self._factor, "Frequency")
 
-def _check_made_of_forms(system: System) -> None:
-    """Raise `InputError` if forces act on or between points."""
-    for compiled in system.equations.compiled:
-        check(
-            isinstance(compiled, Differentiable) and compiled.forces_are_forms,
-            f"Frequency: the scene has {type(compiled).__name__}, "
-            "whose second derivatives are not known; leave out what acts on points.",
-        )
+    def residual_parts(self, system: System) -> list[tuple[PETSc.Vec, PETSc.Vec]]:
+        return self._stiffness(system).residual_parts()
 
-
-def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
-    """Raise `InputError` if |K φ - Kᵀ φ| is more than round-off of |K φ| for a mode φ.  Sets the
-    inertia of the system to zero.  Collective."""
-    system.equations.set_inertia(0.0)
-    K = system.matrices.tangent()
-    force = shape.duplicate()
-    transposed = shape.duplicate()
-    K.mult(shape, force)
-    K.multTranspose(shape, transposed)
-    transposed.axpy(-1.0, force)
-    check(
-        transposed.norm() <= MAX_ASYMMETRY * force.norm(),
-        "Frequency: loads make the stiffness unsymmetric, "
-        "so that its frequencies have no derivative here; hold the rim of what is under pressure.",
-    )
+    def mass_parts(self, system: System) -> list[tuple[PETSc.Vec, PETSc.Vec]]:
+        assert self._shape is not None, "the mode is derived first"
+        weights = self._shape.copy()
+        weights.scale(-self._factor * self._square)
+        return [(self._shape, weights)]

@@ -34,7 +34,6 @@ from gossamer_fx.core.checks.arguments import check_arguments, collective, not_n
 from gossamer_fx.core.checks.errors import check, output_failures
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Vector
-from gossamer_fx.records.probes.objective import Objective
 
 AT_REST = (0.0, 0.0, 0.0)
 
@@ -260,7 +259,7 @@ def harmonic_response(
     values = {}
     ground = {}
     for name, probe in of.items():
-        values[name] = _seen(response, probe, points, amplitudes)
+        values[name] = response.seen(probe, points, amplitudes)
         ground[name] = response.seen_of(probe, translation)
 
     def state(frequency: float) -> Mode:
@@ -354,7 +353,7 @@ def random_response(
     crossings = {}
     acceleration_rms = {}
     for name, probe in of.items():
-        values = _seen(response, probe, points, amplitudes)
+        values = response.seen(probe, points, amplitudes)
         ground = response.seen_of(probe, translation)
         densities[name] = np.abs(values) ** 2 * G
         square = float(weights @ densities[name])
@@ -378,16 +377,6 @@ def _respond(
     translation = model.translation(acceleration)
     forces = model.forces_of(loads) if len(loads) else model.inertia_of(translation)
     return model.response_to(forces), translation
-
-
-def _seen(
-    response: ModalResponse, probe: Objective, frequencies: Array, amplitudes: Complex
-) -> Complex:
-    """Complex amplitudes (m,) of a probe at frequencies (m,) [Hz].  Collective."""
-    by_position, by_velocity = response.seen(probe)
-    rates = 2j * math.pi * frequencies
-    found: Complex = amplitudes @ by_position + rates * (amplitudes @ by_velocity)
-    return found
 
 
 class _Spectrum:

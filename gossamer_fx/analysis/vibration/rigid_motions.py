@@ -35,7 +35,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.point_constraints import multipliers_in_space
-from gossamer_fx.solve.system.connected_parts import Labels, connected, entries
+from gossamer_fx.solve.system.connected_parts import Labels, connected
 from gossamer_fx.solve.system.system import System
 
 # Parts whose motions are examined: the description of more would not be read.
@@ -201,7 +201,7 @@ def _motions(
     np.add.at(squares, part[counts], unbalanced[counts] ** 2)
     comm.Allreduce(MPI.IN_PLACE, squares)
     errors = np.where(is_free, (np.sqrt(squares) / radius)[part], 0.0)
-    D = _round_off(system, K, errors)
+    D = _round_off(system, K, R, errors)
     for gradient, stiffness in stiffnesses:
         size_of_gradient = comm.allreduce(float(np.abs(gradient).sum()))
         D += ROW_ROUND_OFF * stiffness * size_of_gradient * np.abs(gradient)
@@ -373,15 +373,24 @@ def _rigid_motions(
     return R
 
 
-def _round_off(system: System, K: PETSc.Mat, errors: Array) -> Array:
+def _round_off(system: System, K: PETSc.Mat, R: Array, errors: Array) -> Array:
     """Error of each row of K R: the numbers D (n,) of equation (1) of the module, positive, in the
     units of K R: [N/m] for positions, [N] for directors, [1] for constraints in m and [1/m] for
     those of directions.  `errors` (n,) [N/m] are the norms of the unbalanced forces of a part over
     its radius."""
-    rows, _, values = entries(K)
-    sum_of_row = np.zeros(system.unknowns.numbering.size_local)
-    np.add.at(sum_of_row, rows, np.abs(values))
-    D: Array = ROW_ROUND_OFF * sum_of_row
+    magnitudes = K.convert("aij", PETSc.Mat())
+    pointers, columns, values = magnitudes.getValuesCSR()
+    magnitudes.setValuesCSR(pointers, columns, np.abs(values))
+    magnitudes.assemble()
+    # Multipliers that do not move add nothing: gradients of constraints between directors are
+    # numbers near one, far above the stiffness [N m] of directors in scenes of small size.
+    moved, sum_of_row = magnitudes.createVecs()
+    moved.set(1.0)
+    multipliers = np.arange(_end_of_coordinates(system), moved.getLocalSize())
+    moved.array[multipliers] = np.abs(R[:, multipliers]).max(axis=0, initial=0.0)
+    magnitudes.mult(moved, sum_of_row)
+    D: Array = ROW_ROUND_OFF * sum_of_row.array_r
+    magnitudes.destroy()
     if system.equations.constraints is not None:
         D[system.equations.constraints.owned] += CONSTRAINT_ROUND_OFF
     # Multipliers follow the coordinates of the bodies, and have no unbalanced force.  The factor of

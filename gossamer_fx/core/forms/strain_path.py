@@ -352,3 +352,14 @@ def _norm(x: Expr, y: Expr) -> Expr:
     """Length of the vector (x, y), at least 1e-15, so that its derivative at zero is zero instead
     of 0/0."""
     return ufl.sqrt(ufl.max_value(x**2 + y**2, SMALLEST_SQUARE))
+
+
+def mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
+    """Average of max(y, 0) along the straight path from y0 to y1, in UFL;
+    `terms.rows.one_sided_average` is the same for laws of numbers, and says how."""
+    positive0 = ufl.max_value(y0, 0.0)
+    positive1 = ufl.max_value(y1, 0.0)
+    passes_zero = ufl.lt(y0 * y1, 0.0)
+    change = ufl.conditional(passes_zero, y1 - y0, 1.0)
+    quotient = (positive1**2 - positive0**2) / (2 * change)
+    return ufl.conditional(passes_zero, quotient, (positive0 + positive1) / 2)

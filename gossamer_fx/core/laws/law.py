@@ -368,7 +368,7 @@ def compile_law(
         private_cache()
         if not path.exists():
             whole = with_slopes(tree, [inputs[number] for number in slopes])
-            _build(c_text(whole, inputs, columns, orders), path, arguments)
+            build_library(c_text(whole, inputs, columns, orders), path, arguments)
 
     on_rank_zero(comm, build)
     if digest not in _loaded:
@@ -384,9 +384,9 @@ def _own_text() -> str:
     return "\n".join(path.read_text(encoding="utf-8") for path in paths)
 
 
-def _build(text: str, path: Path, arguments: Sequence[str]) -> None:
-    """Compile a law in a separate folder, and rename the library when it is complete: two runs may
-    compile the same law at the same time."""
+def build_library(text: str, path: Path, arguments: Sequence[str]) -> None:
+    """Compile C code to a library.  It is made in a separate folder and renamed when it is
+    complete: two runs may compile the same law at the same time."""
     require_compiler()
     compiler = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -402,5 +402,5 @@ def _build(text: str, path: Path, arguments: Sequence[str]) -> None:
             check=False,
         )
         if finished.returncode:
-            raise RuntimeError(f"The C compiler refused a law: {finished.stderr}")
+            raise RuntimeError(f"The C compiler refused generated code: {finished.stderr}")
         compiled.rename(path)

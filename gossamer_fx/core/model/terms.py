@@ -42,6 +42,20 @@ class MeasuresMesh(Item, ABC):
         """The bodies that are measured."""
 
 
+class MeasuresStart(Item, ABC):
+    """Base of items that keep what they have measured on bodies in the initial state, such as the
+    length of a link: a result has no derivative by the initial positions of these bodies, as others
+    would give other items."""
+
+    @abstractmethod
+    def requires(self) -> Iterable[Item]:
+        """The bodies that are measured, or may be."""
+
+    def keeps_measures(self) -> bool:
+        """Whether it has such numbers as it was made."""
+        return True
+
+
 class OnBody(Item):
     """An item of a scene that acts on one body, which joins the scene with it."""
 
@@ -71,9 +85,11 @@ class Parameter:
         unit: SI unit; empty for a pure number.
         source: the coefficient of the forms, or the key of the number.
         entry: position in the item's list of such numbers; None if the item has one number.
+        changes_mass: whether masses depend on it whose derivatives are not known.
     """
 
     name: str
     unit: str
     source: Source
     entry: int | None = None
+    changes_mass: bool = False

@@ -16,7 +16,7 @@ from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, bar_strain, line_derivative
-from gossamer_fx.core.forms.strain_path import Piece, gradient
+from gossamer_fx.core.forms.strain_path import Piece, gradient, mean_of_positive_part
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
@@ -175,17 +175,6 @@ def engineering_strain(e: Expr) -> Expr:
     """x = λ - 1 of e = (ε,), without the difference of nearly equal numbers."""
     squared = ufl.max_value(1 + 2 * e[0], MIN_SQUARED_STRETCH)
     return (squared - 1) / (ufl.sqrt(squared) + 1)
-
-
-def mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
-    """Average of max(y, 0) along the straight path from y0 to y1, in UFL;
-    `terms.rows.one_sided_average` is the same for laws of numbers, and says how."""
-    positive0 = ufl.max_value(y0, 0.0)
-    positive1 = ufl.max_value(y1, 0.0)
-    passes_zero = ufl.lt(y0 * y1, 0.0)
-    change = ufl.conditional(passes_zero, y1 - y0, 1.0)
-    quotient = (positive1**2 - positive0**2) / (2 * change)
-    return ufl.conditional(passes_zero, quotient, (positive0 + positive1) / 2)
 
 
 class Curve(Meshed):

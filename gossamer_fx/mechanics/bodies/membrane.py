@@ -45,7 +45,7 @@ from gossamer_fx.mechanics.bodies.meshed import (
     positions,
 )
 from gossamer_fx.mechanics.bodies.properties import Property
-from gossamer_fx.mechanics.materials.film import FilmLaw, constants, parameters
+from gossamer_fx.mechanics.materials.film import FilmLaw, parameters
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class Membrane(Meshed):
             f"order {mesh_order} without stress; use order=2, or mesh with plane triangles.",
         )
         self.law = law
-        self.constants = constants(law, domain)
+        self.constants = law.constants(domain)
         self._properties = properties  # a restart compares them, see `outputs.output`
         if properties:
             from gossamer_fx.mechanics.bodies.properties import vary

@@ -13,7 +13,7 @@ import numpy as np
 
 from gossamer_fx.core.laws.tracing import Number, at_most
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.cable import MIN_SQUARED_STRETCH, CableLaw, TensionOnly
+from gossamer_fx.mechanics.bodies.cable import MIN_SQUARED_STRETCH
 from gossamer_fx.mechanics.terms.rows import Response, one_sided_average, positive_part
 
 
@@ -104,13 +104,6 @@ def corners_of(strain: Array, force: Array) -> Corners:
         sides=np.concatenate(sides)[is_corner],
         slope_changes=slope_changes[is_corner],
     )
-
-
-def linear_corners(law: CableLaw) -> Corners:
-    """The corner at zero of a force that is linear in the engineering strain, on both sides or in
-    tension only."""
-    sides = np.array([1.0] if isinstance(law, TensionOnly) else [1.0, -1.0])
-    return Corners(np.zeros(len(sides)), sides, np.full(len(sides), law.EA))
 
 
 def stretch_of(ε: Number) -> Number:

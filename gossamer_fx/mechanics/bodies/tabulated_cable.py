@@ -41,13 +41,12 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.strain_path import Piece
+from gossamer_fx.core.forms.strain_path import Piece, mean_of_positive_part
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.cable import (
     BarLaw,
     LineDensity,
     engineering_strain,
-    mean_of_positive_part,
 )
 from gossamer_fx.mechanics.bodies.piecewise_force import Corners, corners_of
 

@@ -187,6 +187,16 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
             )
         by_position.assemble()
 
+    def add_initial_derivatives(self, by_position: PETSc.Vec) -> None:
+        if not self._yielding:
+            return
+        for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
+            by_unknowns = points.initial_products(q)
+            by_position.setValues(
+                points.indices.ravel(), by_unknowns.ravel(), addv=PETSc.InsertMode.ADD_VALUES
+            )
+        by_position.assemble()
+
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
@@ -336,6 +346,8 @@ class _Points:
         self.by_rest: Array = np.zeros(len(self.rest))
         # Which rest angles (n,) are at first those of the input, and not set by the yield angle.
         self.follows_input = np.ones(len(self.rest), dtype=bool)
+        # Fold angles (n,) [rad] of the initial state.
+        self._first_angles: Array = np.zeros(len(self.rest))
 
     def vectors(self, q: Array) -> Array:
         """X (n, 3, 3), dimensionless, at positions q (n, D) [m] of the nodes of n points.
@@ -365,6 +377,7 @@ class _Points:
             # A fold that starts beyond its yield angle slips at once, as if before the run.
             self.rest = np.clip(self.rest, self.θ - self._slip, self.θ + self._slip)
             self.follows_input = self.rest == self._first_rest
+            self._first_angles = self.θ.copy()
             self._begun = True
         self._X = X
 
@@ -442,6 +455,13 @@ class _Points:
         weight = self.by_rest * self.forgotten_share(q)
         gradient = np.asarray(dihedral_angle.gradient(self.vectors(q)))
         return self._to_nodes(weight[:, None, None] * gradient)
+
+    def initial_products(self, q: Array) -> Array:
+        """Derivative (n, D) of the steps by the initial positions q (n, D), through the rest angles
+        of folds that start beyond their yield angle; zero of folds that have moved since."""
+        is_set = ~self.follows_input & (self.θ == self._first_angles)
+        gradient = np.asarray(dihedral_angle.gradient(self.vectors(q)))
+        return self._to_nodes((self.by_rest * is_set)[:, None, None] * gradient)
 
     def energy_slope(self) -> Array:
         """Derivative k (θ - θr) (n,) [N m/rad] of the stored energy at the start of a step by the

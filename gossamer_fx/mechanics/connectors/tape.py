@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import pairwise
-from typing import Any, TypeGuard
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +18,11 @@ from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.core.model.body import Array, Attached, Port, combine
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import MeasuresMesh, OnBody, Term
+from gossamer_fx.core.model.terms import MeasuresMesh, OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.connectors.spring import quadratic
+from gossamer_fx.mechanics.bodies.piecewise_force import stretch_of, tabulated_bar
 from gossamer_fx.mechanics.terms.rows import (
     AttachedKineticEnergy,
     Response,
@@ -31,11 +32,73 @@ from gossamer_fx.mechanics.terms.rows import (
     positive_part,
 )
 
+EA = Parameter("EA", "N", "EA")
+LENGTH_SCALE = Parameter("length_scale", "", "length_scale", changes_mass=True)
 
-def one_sided(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
-    """ψ(e) = ½ ⟨e⟩² of one measure e, ⟨e⟩ its positive part; in a step that passes zero, S_mean =
-    Δψ/Δe."""
-    return Response([one_sided_average(e0[0], e1[0])], energy=positive_part(e1[0]) ** 2 / 2)
+
+def linear_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """ψ = ½ EA L ε² of a bar of length L, ε = ½(λ² - 1)."""
+    ε0, ε1 = _cut_strains(e0, e1, numbers)
+    return _of_strains((ε0 + ε1) / 2, ε1**2, numbers)
+
+
+def tension_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """`linear_bar` that only pulls; in a step that passes zero, S_mean = Δψ/Δe."""
+    ε0, ε1 = _cut_strains(e0, e1, numbers)
+    return _of_strains(one_sided_average(ε0, ε1), positive_part(ε1) ** 2, numbers)
+
+
+def engineering_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """ψ = ½ EA L x² of a bar of length L, x = λ - 1."""
+    λ0, λ1 = (stretch_of(ε) for ε in _cut_strains(e0, e1, numbers))
+    mean = (λ0 + λ1) / 2
+    return _of_strains((mean - 1) / mean, (λ1 - 1) ** 2, numbers)
+
+
+def engineering_tension_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """`engineering_bar` that only pulls."""
+    λ0, λ1 = (stretch_of(ε) for ε in _cut_strains(e0, e1, numbers))
+    mean_pull = one_sided_average(λ0 - 1, λ1 - 1)
+    return _of_strains(2 * mean_pull / (λ0 + λ1), positive_part(λ1 - 1) ** 2, numbers)
+
+
+def cut_tabulated_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """`tabulated_bar` whose length has a scale."""
+    return _cut(tabulated_bar, e0, e1, z0, h, numbers)
+
+
+def cut_hysteretic_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """`hysteretic_bar` whose length has a scale."""
+    # Imported here: a scene without tables of unloading does not load it.
+    from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteretic_bar
+
+    return _cut(hysteretic_bar, e0, e1, z0, h, numbers)
+
+
+def _cut_strains(e0: Any, e1: Any, numbers: Any) -> tuple[Any, Any]:
+    """Green strains of a bar with the natural length s L, s the scale, from those of the length
+    L."""
+    square = numbers.length_scale**2
+    # Without a difference of nearly equal numbers where the scale is one.
+    change = (1 / square - 1) / 2
+    return e0[0] / square + change, e1[0] / square + change
+
+
+def _of_strains(mean: Any, squared: Any, numbers: Any) -> Response:
+    """Stress EA s L (mean strain) by the strain of the cut bar, as one by that of the length L, and
+    the energy."""
+    length = numbers.length * numbers.length_scale
+    stress = numbers.EA * length * mean / numbers.length_scale**2
+    return Response([stress], energy=numbers.EA * length * squared / 2)
+
+
+def _cut(law: RowLaw, e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """A law of a bar of length `numbers.length` as one whose length has a scale."""
+    ε0, ε1 = _cut_strains(e0, e1, numbers)
+    length = numbers.length * numbers.length_scale
+    response = law([ε0], [ε1], z0, h, SimpleNamespace(**(vars(numbers) | {"length": length})))
+    [stress] = response.stress
+    return replace(response, stress=[stress / numbers.length_scale**2])
 
 
 @check_arguments
@@ -200,46 +263,42 @@ class Tape(OnBody, DrawnAsLines):
         # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
-        # e = scale ε = ½|√scale (x_b - x_a)/L|² - scale/2.  With scale = √(EA L) the energy of each
-        # bar is ½ e², and equal energies are one array, evaluated at once; for laws of the
-        # engineering strain λ - 1 e is ε.
-        scale = np.sqrt(law.EA * L) if _is_green(law) else np.ones(len(L))
-        vectors = [
-            (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)
-        ]
-        measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
-        function, numbers, variables = _row_law(law, L)
-        yield Rows(self.name, measure, function, numbers, variables=variables)
+        # e = ε = ½|(x_b - x_a)/L|² - ½
+        vectors = [(_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, L**-2, strict=True)]
+        measure = PointMeasure(
+            vectors, np.eye(3)[None], np.zeros((1, 3)), np.full((len(L), 1), -0.5)
+        )
+        function, numbers, variables = _row_law(law)
+        all_numbers: dict[str, Any] = {"length": L, "length_scale": 1.0} | numbers
+        yield Rows(
+            self.name,
+            measure,
+            function,
+            all_numbers,
+            (EA, LENGTH_SCALE) if "EA" in numbers else (LENGTH_SCALE,),
+            variables=variables,
+        )
 
 
-def _row_law(law: BarLaw, lengths: Array) -> tuple[RowLaw, dict[str, Any], dict[str, float]]:
-    """Law, numbers and history variables at the start of bars with natural lengths (n,) [m], as a
-    function of the measure e of each, which `Tape.terms` makes: ψ = ½ e² for laws that are
-    quadratic in ε, e = ε for others."""
-    if _is_green(law):
-        return (one_sided, {}, {}) if isinstance(law, TensionOnly) else (quadratic, {"k": 1.0}, {})
+def _row_law(law: BarLaw) -> tuple[RowLaw, dict[str, Any], dict[str, float]]:
+    """Law, further numbers and history variables at the start of bars, as a function of the Green
+    strain of each."""
+    if isinstance(law, CableLaw):
+        laws = (linear_bar, tension_bar)
+        if law.strain == "engineering":
+            laws = (engineering_bar, engineering_tension_bar)
+        return laws[isinstance(law, TensionOnly)], {"EA": law.EA}, {}
     # Imported here: a scene without tables does not load them.
-    from gossamer_fx.mechanics.bodies.piecewise_force import linear_corners, tabulated_bar
     from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedCable
 
-    numbers: dict[str, Any] = {"length": lengths}
-    if isinstance(law, CableLaw):
-        return tabulated_bar, numbers | linear_corners(law).as_numbers(), {}
     check(
         isinstance(law, TabulatedCable),
         f"Tape: the law is a {type(law).__name__}; give a CableLaw, TensionOnly or TabulatedCable.",
     )
     assert isinstance(law, TabulatedCable)
     if not law.has_history:
-        return tabulated_bar, numbers | law.corners.as_numbers(), {}
-    from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteretic_bar
-
-    return hysteretic_bar, numbers | law.hysteresis.as_numbers(), {"largest strain": 0.0}
-
-
-def _is_green(law: BarLaw) -> TypeGuard[CableLaw]:
-    """Whether the energy is quadratic in the Green strain ε = ½(λ² - 1)."""
-    return isinstance(law, CableLaw) and law.strain == "green"
+        return cut_tabulated_bar, law.corners.as_numbers(), {}
+    return cut_hysteretic_bar, law.hysteresis.as_numbers(), {"largest strain": 0.0}
 
 
 def _stretch(a: Port, b: Port, square: float) -> Port:

@@ -16,7 +16,7 @@ from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.checks.user_functions import ask_numbers, ask_points
 from gossamer_fx.core.model.body import Array, Indices, Port, Vector, unit
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import OnBody, Term
+from gossamer_fx.core.model.terms import MeasuresStart, OnBody, Term
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.mechanics.terms.supports import Support
@@ -30,7 +30,7 @@ ALL_COMPONENTS = (0, 1, 2)
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Fixed(OnBody):
+class Fixed(OnBody, MeasuresStart):
     """A support: positions of the nodes of a group, and rotations if asked, are fixed or
     prescribed.
 
@@ -197,6 +197,11 @@ class Fixed(OnBody):
         else:
             yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components))
 
+    def keeps_measures(self) -> bool:
+        # The heights of a plane; other coordinates are held where they are, and are none by which
+        # there is a derivative.
+        return self.normal is not None
+
     def _plane(self, nodes: Indices, normal: Array, start: State) -> PointConstraint:
         """The constraint that nodes (n,), owned and ghost, stay in the planes with a unit normal
         (3,) through their initial positions."""
@@ -348,7 +353,7 @@ def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indice
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Driven(OnBody):
+class Driven(OnBody, MeasuresStart):
     """A rigid body whose position is fixed and that turns about an axis as prescribed, as a hub on
     a motor.
 

@@ -32,7 +32,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector, unit
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import MeasuresStart, Term
 from gossamer_fx.mechanics.bodies.frames import (
     SAME_DIRECTION,
     Between,
@@ -177,7 +177,7 @@ class BallJoint(Between):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Link(Between):
+class Link(Between, MeasuresStart):
     """A rigid rod without mass: two points keep the distance that they have at the start.
 
     Args:
@@ -227,7 +227,7 @@ class Link(Between):
 
 @check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FixedJoint(FrameJoint):
+class FixedJoint(FrameJoint, MeasuresStart):
     """The relative position and rotation of two frames are constant: a weld.
 
     Args:
@@ -255,7 +255,7 @@ class FixedJoint(FrameJoint):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AxisJoint(FrameJoint):
+class AxisJoint(FrameJoint, MeasuresStart):
     """Frames that share an axis, a direction in space at the start, and turn about it if it is that
     of a hinge."""
 
@@ -308,7 +308,7 @@ class RevoluteJoint(AxisJoint):
 
 @check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
-class UniversalJoint(FrameJoint):
+class UniversalJoint(FrameJoint, MeasuresStart):
     """Two frames share a point, and an axis of each stays normal to one of the other: a cross.
 
     Args:

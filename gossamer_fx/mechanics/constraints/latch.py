@@ -14,9 +14,8 @@ from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, unit
-from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import HasSystem, State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import MeasuresStart, Term
 from gossamer_fx.mechanics.bodies.frames import (
     Frame,
     across,
@@ -44,7 +43,7 @@ from gossamer_fx.mechanics.terms.point_constraints import (
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Latch(Item):
+class Latch(MeasuresStart):
     """A lock of the motion that a hinge or rail leaves free, engaged and released in a run.
 
     `engage` and `release` are actions of events, `position` and `load` probes: a latch acts at an
@@ -182,7 +181,7 @@ class Latch(Item):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class HoldDown(Item):
+class HoldDown(MeasuresStart):
     """A joint that holds from the start of a run until it is released, as of a stage or a folded
     boom.
 

@@ -31,7 +31,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.state import InitialCondition, InitialState, State
-from gossamer_fx.core.model.terms import MeasuresMesh, Term
+from gossamer_fx.core.model.terms import MeasuresMesh, MeasuresStart, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.frames import Frame, Line
 from gossamer_fx.mechanics.bodies.meshed import Meshed
@@ -47,7 +47,7 @@ FIT = 1e-6
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class RigidRegion(MeasuresMesh, InitialCondition):
+class RigidRegion(MeasuresMesh, MeasuresStart, InitialCondition):
     """A rigid region: the nodes of a named group move as one piece.
 
     Args:

@@ -41,7 +41,7 @@ from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, MeshBody, Port
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import MeasuresMesh, Term
+from gossamer_fx.core.model.terms import MeasuresMesh, MeasuresStart, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, SewnEdges, aligned, edge_line
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -226,7 +226,7 @@ def _between(body: Meshed, ends: npt.NDArray[np.int64], s: float) -> Port:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Seam(MeasuresMesh, SewnEdges):
+class Seam(MeasuresMesh, MeasuresStart, SewnEdges):
     """A seam: two edges of films that are drawn together in a time, and are tied from then on.
 
         x_a - x_b = (1 - s(t)) (X_a - X_b),    s = 0 before and 1 after `closing`
@@ -330,6 +330,10 @@ class Seam(MeasuresMesh, SewnEdges):
     def requires(self) -> Iterable[Any]:
         yield self.a
         yield self.b
+
+    def keeps_measures(self) -> bool:
+        # The gap that it closes.
+        return self.closing is not None
 
     def terms(self, start: State) -> Iterable[Term]:
         """The constraint (1) of the module for each node of the finer edge and its point of the

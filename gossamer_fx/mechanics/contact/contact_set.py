@@ -393,6 +393,7 @@ class ContactSet:
             self.update_active_set()
             return
         self._selection = None
+        self._set_reference_speed()
         end_time = self.system.time + self.system.h
         # The step was accepted: whatever separates fast in it does not count as passed.
         self._begin(self._step_of(self._from_start(pairs), end_time, push_back=0.0))
@@ -455,6 +456,13 @@ class ContactSet:
 
     # ---- the active set of a step ----
 
+    def _set_reference_speed(self) -> None:
+        """Take the least closing speed from the length of the first step of a run, also where it is
+        made again: without it derivatives would take the stiffness of its pairs for one by their
+        speed."""
+        if not self.history.reference_speed:
+            self.history.reference_speed = self.pair_stiffness.reference_speed(self.system.h)
+
     def update_active_set(self) -> None:
         """Find the pairs that may touch in the step.
 
@@ -468,8 +476,7 @@ class ContactSet:
         self.stored_energy()
         end_time = system.time + system.h
         self._rules.refuse_motions()
-        if not self.history.reference_speed:
-            self.history.reference_speed = self.pair_stiffness.reference_speed(system.h)
+        self._set_reference_speed()
         points = self._predicted(end_time)
         # The present list is complete while all points are within their bounds.
         found = self._found()

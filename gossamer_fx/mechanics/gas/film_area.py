@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array, has_nodal_unknowns
-from gossamer_fx.core.model.terms import OnBody
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
@@ -44,7 +45,7 @@ def all_triangles(film: Membrane) -> np.ndarray:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class FilmArea(OnBody):
+class FilmArea:
     """The deformed area [m²] of a film as the `area` of an opening, half a step ahead of the known
     state like that of a `Ring`.
 
@@ -60,6 +61,10 @@ class FilmArea(OnBody):
 
     body: Membrane
     surface: tuple[str, ...] = ()
+
+    def requires(self) -> Iterable[Item]:
+        """The film, which joins the scene with the opening."""
+        yield self.body
 
     def compile(self, system: Assembly) -> CompiledFilmArea:
         """The area in a running scene.  Collective."""

@@ -29,6 +29,7 @@ Cost: proportional to the number of edges; every rank knows all nodes of a ring.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +41,7 @@ from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.terms import OnBody
+from gossamer_fx.core.model.item import Item
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, edge_line
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.patches import Patches, is_owned
@@ -51,10 +52,13 @@ Indices = npt.NDArray[np.int64]
 # The volume of (3) is linear across a strip in x and in w, and constant in x,r: degree 2 in r.
 QUADRATURE_DEGREE_ACROSS = 2
 
+# Area of a ring over the square of its length, up to which it is round-off.
+CLOSED = 1e-13
+
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Ring(OnBody):
+class Ring:
     """A closed line of film edges.
 
     As the `area` of an `Orifice` it is the opening |½ ∮ x × dx| [m²] in its deformed shape, taken
@@ -77,6 +81,10 @@ class Ring(OnBody):
 
     body: Membrane
     edges: str
+
+    def requires(self) -> Iterable[Item]:
+        """The film, which joins the scene with the opening."""
+        yield self.body
 
     def __post_init__(self) -> None:
         # Refuses a name that is not a group of curves of the mesh.
@@ -180,7 +188,8 @@ class Loop:
         area_vector = self._area_vector(xs, xr)
         size = float(np.linalg.norm(area_vector))
         gradient = np.zeros_like(X)
-        if size == 0:
+        length = float(self._weights @ np.linalg.norm(xs, axis=-1).sum(axis=0))
+        if size <= CLOSED * length**2:
             # A closed ring opens in no direction more than in another.
             return gradient
         e = np.broadcast_to(area_vector / size, xs.shape)

@@ -175,8 +175,8 @@ class AirDrag(OnBody):
     vₙ has a continuous derivative, at zero, too.  Each piece of film is slowed as if it were alone
     in the flow.  Left out are the friction along it, its wake, the shelter behind other pieces, and
     the air that it carries along, whose mass per area is about ρ times the width of the film.  In
-    an `Equilibrium` still air has no part, and wind presses with ½ ρ C uₙ². (`Drag` is the
-    free-molecular flow of an orbit.)
+    an `Equilibrium` still air has no part, and wind presses with ½ ρ C uₙ²; its work does not count
+    there, as it depends on the pseudo-steps. (`Drag` is the free-molecular flow of an orbit.)
 
     Args:
         body: the film.
@@ -269,10 +269,11 @@ class Drags(Loads):
         super().begin_step(t)
 
     def supplied(self) -> float:
-        """Work [J] of the wind in the step, this rank's share.  In a search for rest a power times
-        its pseudo-time means nothing: there it is the work of the force on the displacement."""
+        """Work [J] of the wind in the step, this rank's share: none in a search for rest, whose
+        velocities are those of its pseudo-time.  The wind has no potential that could be counted
+        instead."""
         if self._system.rule.is_static:
-            return super().supplied()
+            return 0.0
         return float(sum(fem.assemble_scalar(form) for form in self._given))
 
     def dissipated(self) -> Array:

@@ -93,6 +93,9 @@ UNITS = {
     "G12": "Pa",
     "shear_modulus": "Pa",
     "C1": "Pa",
+    "warp": "N/m",
+    "weft": "N/m",
+    "shear": "N/m",
     "C2": "Pa",
     "density": "kg/m³",
     "thickness": "m",
@@ -147,6 +150,10 @@ class FilmLaw:
         # Of laws of your own, too, which need not check their arguments.
         require_positive(f"{type(self).__name__}: density", self.density, "kg/m³")
         require_positive(f"{type(self).__name__}: thickness", self.thickness, "m")
+
+    def constants(self, mesh: Mesh) -> SimpleNamespace:
+        """The numbers of the law as coefficients of forms on a mesh, by their names."""
+        return constants(self, mesh)
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """Stored energy per unit reference area [J/m²] of the strain e."""

@@ -124,6 +124,21 @@ class AroundAxis:
         return np.cross(np.array(self.axis, dtype=float), arms.T).T
 
 
+def check_direction(law: str, given: Direction) -> None:
+    """Refuse a direction of axes of a law, by its class, that is not one; functions of points are
+    checked by films."""
+    if callable(given):
+        return
+    vectors = {"": given} if not isinstance(given, Mapping) else given
+    for group, vector in vectors.items():
+        where = f" in '{group}'" if group else ""
+        check(
+            is_vector(vector) and bool(np.any(vector)),
+            f"{law}: direction{where} is {vector!r}; "
+            "give a vector of three numbers that is not zero.",
+        )
+
+
 @check_arguments
 @dataclass(frozen=True)
 class LinearOrthotropic(FilmLaw):
@@ -173,18 +188,7 @@ class LinearOrthotropic(FilmLaw):
             "so that the stiffness is not positive definite; "
             f"give less than √(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
         )
-        given = self.direction
-        # A film checks functions of points.
-        if callable(given):
-            return
-        vectors = {"": given} if not isinstance(given, Mapping) else given
-        for group, vector in vectors.items():
-            where = f" in '{group}'" if group else ""
-            check(
-                is_vector(vector) and bool(np.any(vector)),
-                f"{type(self).__name__}: direction{where} is {vector!r}; "
-                "give a vector of three numbers that is not zero.",
-            )
+        check_direction(type(self).__name__, self.direction)
 
     @classmethod
     @check_arguments

@@ -538,6 +538,10 @@ class Differentiable:
         """Add (∂s/∂q1)ᵀ times the sums, of history variables s that the solved step has set as
         functions of its end q1."""
 
+    def add_initial_derivatives(self, by_position: PETSc.Vec) -> None:
+        """Add (∂s/∂q)ᵀ times the sums, of history variables s that the initial state q has set; the
+        system stands at the start of the recorded steps, which may be later.  Collective."""
+
     def save_history(self) -> Any:
         """The history variables of the accepted state on this rank, as an object that does not
         change; without communication."""

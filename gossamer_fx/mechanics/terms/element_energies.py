@@ -85,7 +85,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.terms import Parameter
-from gossamer_fx.mechanics.materials.film import CLaw
+from gossamer_fx.mechanics.materials.film import ROUND_OFF, CLaw
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
@@ -229,6 +229,13 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
                     "use one of UFL"
                 )
         return ""
+
+    def unstrained_films(self) -> list[str]:
+        """Names of films with several states that have points without strain in the accepted state,
+        where the stress has a kink: it has no derivative by the positions there.  Collective."""
+        found = [force.term.name for force in self._stored if force.has_unstrained_points()]
+        names: list[str] = self._system.comm.allreduce(found)
+        return sorted(set(names))
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
         return [force.residual_form(w) for force in self.elements if force.term.body is body]
@@ -598,6 +605,14 @@ class StoredForces(ElementForces):
     def energy_form(self) -> ufl.Form:
         """The stored energy at q1."""
         return self.term.density(self._strain_at_end()) * self.term.dx
+
+    def has_unstrained_points(self) -> bool:
+        """Whether the law has several states, and this rank a point without strain, also none that
+        was given at first, at the start of the step."""
+        if self._law is None or getattr(self.term.body, "initial_strain", None) is not None:
+            return False
+        strains = self.strain_at_start.x.array.reshape(-1, self._size)
+        return bool((np.abs(strains).max(axis=1) < ROUND_OFF).any())
 
     @property
     def strain(self) -> Array:

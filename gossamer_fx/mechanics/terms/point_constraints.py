@@ -628,11 +628,19 @@ class PointConstraint:
 def multipliers_of(constraint: PointConstraint, system: Assembly) -> Array:
     """λ (n, m) of a constraint in the accepted state, one row for each tuple of ports that this
     rank evaluates; a measure in [m] has the force [N] along it."""
+    rows = multiplier_rows(constraint, system) - system.numbering.start
+    return np.asarray(system.q0.array_r[rows])
+
+
+def multiplier_rows(constraint: PointConstraint, system: Assembly) -> npt.NDArray[np.int32]:
+    """Global indices (n, m) of the multipliers of a constraint, one row for each tuple of ports
+    that this rank evaluates."""
     terms = [term for term in system.terms if isinstance(term, PointConstraint)]
     # Multipliers are numbered behind the bodies, in the order of the constraints.
     k = next(i for i, term in enumerate(terms) if term is constraint)
     owned = system.numbering.owned(len(system.bodies) + k)
-    return system.q0.array_r[owned].reshape(-1, constraint.measure.H.shape[0])
+    indices = np.arange(owned.start, owned.stop) + system.numbering.start
+    return indices.reshape(-1, constraint.measure.H.shape[0]).astype(PETSc.IntType)
 
 
 def multipliers_in_space(system: Assembly) -> npt.NDArray[np.int64]:

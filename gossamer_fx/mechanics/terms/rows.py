@@ -468,6 +468,24 @@ class Stencil:
         """Outputs (n, outputs) of the law for the step from its start to q1, whatever the rule."""
         return self._outputs(self.e0, self.at.strain(q1))
 
+    def stress_slopes(self, q: Array) -> Array:
+        """Derivatives (n, m, m) of the stresses of a state that stays at q (n, D) by its
+        measures."""
+        # Of a damper there is no force at rest.
+        if self.law.is_viscous:
+            return np.zeros((self.at.n, self.law.m, self.law.m))
+        e = self.at.measure(self.at.vectors(q))
+        _, slopes = self.law(self._inputs(e, e, (self.driven, self.driven)), slopes=True)
+        # Both strains of a mean are that of the state: each has half of the derivative.
+        found: Array = 2 * slopes[:, : self.law.m]
+        return found
+
+    def stress_by_number(self, q: Array, name: str) -> Array:
+        """Derivatives (n, m) of the stresses of a state that stays at q (n, D) by a number of the
+        law."""
+        e = self.at.measure(self.at.vectors(q))
+        return self.law.by_number(self._inputs(e, e), name)[:, : self.law.m]
+
     def force_by_number(self, q1: Array, name: str) -> Array:
         """Derivatives (n, D) of the forces [N] of a step by a number of the law."""
         Y = self.at.vectors(q1)
@@ -682,6 +700,20 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
         if term.is_viscous and self._system.rule.is_static:
             stresses = np.zeros_like(stresses)
         return stresses[rows]
+
+    def stress_slopes(self, term: Rows) -> Array:
+        """Derivatives (r, m, m) of the stresses of a term at rest by its measures, of the r tuples
+        of ports that this rank evaluates.  Collective."""
+        group, rows = self._find(term)
+        q = self._gather(self._system.q0)[self._groups.index(group)]
+        return group.stencil.stress_slopes(q)[rows]
+
+    def stress_by_number(self, term: Rows, key: str) -> Array:
+        """Derivatives (r, m) of the stresses of a term at rest by one of its numbers, at given
+        measures.  Collective."""
+        group, rows = self._find(term)
+        q = self._gather(self._system.q0)[self._groups.index(group)]
+        return group.stencil.stress_by_number(q, key)[rows]
 
     def _last_step(self, term: Rows, rule: StressRule) -> tuple[Stencil, slice, int]:
         """The stencil with a term at the start of the last accepted step, the rows of the term, and

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -43,6 +43,9 @@ from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.solve.system.system import System
 
 Surface = Literal["plane", "paraboloid", "sphere"]
+
+# What is asked of the best surface, by the names of `BestSurface`.
+Quantity = Literal["rms", "peak_to_valley", "tilt", "radius", "focal_length"]
 
 Z_AXIS = (0.0, 0.0, 1.0)
 
@@ -64,6 +67,12 @@ LAST_DAMPING = 1e6
 # Singular values of the normal equations, relative to the largest, that count as zero: distances
 # from a shallow paraboloid hardly tell a turn of its axis from a slope a.
 NEGLIGIBLE = 1e-13
+
+# Largest last step, over the size: a longer one is not that of a surface that is nearly found.
+LARGEST_POLISH = 1e-3
+
+# Change of the surface over its size in differences, whose error is of fourth order.
+DIFFERENCE_STEP = 1e-3
 
 
 @check_arguments
@@ -204,7 +213,6 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
     # A plane has no side: its normal is taken near the designed axis.
     if math.isinf(radius) and direction @ designed < 0:
         direction = -direction
-    across = float(np.linalg.norm(np.cross(direction, designed)))
     highest = samples.comm.allreduce(float(distances.max(initial=-np.inf)), op=MPI.MAX)
     lowest = samples.comm.allreduce(float(distances.min(initial=np.inf)), op=MPI.MIN)
     x, y, z = best.centroid + size * point
@@ -214,35 +222,163 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
         area=best.area,
         point=(float(x), float(y), float(z)),
         axis=(float(direction[0]), float(direction[1]), float(direction[2])),
-        tilt=math.atan2(across, abs(float(direction @ designed))),
+        tilt=_tilt(best.shape, designed),
         radius=size * radius,
     )
 
 
-def rms_slopes(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Array:
-    """Derivatives (n, 3) of the root mean square of the distances from the best surface by the
-    points of this rank [1], three for each triangle, which change its area, too.  Collective.
+def surface_slopes(
+    samples: Samples, surface: Surface, quantity: Quantity, axis: Vector = Z_AXIS
+) -> Array:
+    """Derivatives (n, 3) of a quantity of the best surface by the points of this rank, three for
+    each triangle, which change its area, too; [1], of the tilt [rad/m].  Collective.
 
-    The surface is the best one, so that its own change does not count.
+    The surface is the best one: with its numbers θ and the distances d,
+
+        F(θ, x) = Σ w d ∂d/∂θ = 0,    dJ/dx = ∂J/∂x + λ·∂F/∂x,    (∂F/∂θ)ᵀ λ = -∂J/∂θ           (2)
+
+    The rms J has ∂J/∂θ = 0.  Second derivatives of d are differences of fourth order.
     """
     best = _best(samples, surface, axis)
     distances, by_point, _ = best.distances_of(best.scaled.points, best.shape)
+    by_world = by_point @ best.shape.axes
     rms = math.sqrt(float(best.scaled.sum(distances**2)))
     check(
-        rms > FLAT,
+        rms > FLAT or quantity in ("radius", "focal_length", "tilt"),
         "SurfaceError: the film lies on the surface, where its error has no derivative; start from "
         "another shape.",
     )
-    # With W the area: ∂rms = Σ (w d ∂d + (d² - rms²) ∂w/2)/(rms W), where w is a third of an area.
-    of_distances = (best.scaled.weights * distances)[:, None] * (by_point @ best.shape.axes)
-    by_weights = (distances**2 - rms**2).reshape(-1, 3).sum(axis=1) / 2
-    corners = samples.points.reshape(-1, 3, 3)
-    opposite = np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    of_areas = np.cross(opposite, normals[:, None]) / 2 * (by_weights / 3)[:, None, None]
-    slopes = of_distances + of_areas.reshape(-1, 3) * best.size / best.area
-    found: Array = slopes / rms
+    if quantity == "rms":
+        # With W the area: ∂rms = Σ (w d ∂d + (d² - rms²) ∂w/2)/(rms W), w a third of an area.
+        of_points = (best.scaled.weights * distances)[:, None] * by_world
+        of_weights = (distances**2 - rms**2) / 2
+        found: Array = (of_points + best.weight_slopes(samples, of_weights)) / rms
+        return found
+    by_x, by_numbers = _explicit_slopes(
+        best, samples, surface, quantity, distances=distances, by_world=by_world
+    )
+    adjoint = -np.linalg.lstsq(_curvature(best), by_numbers, rcond=NEGLIGIBLE)[0]
+    turned = _slopes(best, best.shape) @ adjoint
+    by_x = by_x + best.scaled.weights[:, None] * (
+        by_world * turned[:, None] + distances[:, None] * _change_of_normals(best, adjoint)
+    )
+    by_x += best.weight_slopes(samples, distances * turned)
+    return by_x / best.size if quantity == "tilt" else by_x
+
+
+def _explicit_slopes(
+    best: _Best,
+    samples: Samples,
+    surface: Surface,
+    quantity: Quantity,
+    *,
+    distances: Array,
+    by_world: Array,
+) -> tuple[Array, Array]:
+    """∂J/∂x (n, 3) and ∂J/∂θ (m,) of a quantity over the size, see (2); of the tilt itself.
+    Collective."""
+    comm = best.scaled.comm
+    by_x = np.zeros_like(by_world)
+    if quantity == "peak_to_valley":
+        slopes = _slopes(best, best.shape)
+        by_numbers = np.zeros(slopes.shape[1])
+        for sign, place in ((1.0, MPI.MAXLOC), (-1.0, MPI.MINLOC)):
+            own = -sign * math.inf
+            at = 0
+            if len(distances):
+                at = int(np.argmax(sign * distances))
+                own = float(distances[at])
+            _, rank = comm.allreduce((own, comm.rank), op=place)
+            if comm.rank == rank:
+                by_x[at] += sign * by_world[at]
+                by_numbers += sign * slopes[at]
+        return by_x, comm.allreduce(by_numbers)
+    _, _, radius = best.shape.description(surface)
+    if quantity == "tilt":
+        tilt = _tilt(best.shape, best.designed)
+        check(
+            tilt > FLAT,
+            "SurfaceError: the film is not tilted, where its tilt has no derivative; start from "
+            "another shape.",
+        )
+        change = lambda step: np.array(_tilt(best.shape.moved(step), best.designed))  # noqa: E731
+        number = len(_force(best, best.shape))
+        if surface == "sphere":
+            # Its axis ends in the centroid of the film, which moves with the points.
+            centre, _, _ = best.shape.description(surface)
+            of_centroid = lambda move: np.array(  # noqa: E731
+                _angle(move - centre, best.designed)
+            )
+            by_centroid = np.array([_difference(of_centroid, unit) for unit in np.eye(3)])
+            by_x = by_x + best.scaled.weights[:, None] * by_centroid
+            by_x += best.weight_slopes(samples, best.scaled.points @ by_centroid)
+        return by_x, np.array([_difference(change, unit) for unit in np.eye(number)])
+    check(
+        math.isfinite(radius),
+        f"SurfaceError: the film has no curvature, so that its {quantity} has no derivative; start "
+        "from another shape, or take the rms.",
+    )
+    curvature = float(best.shape.numbers[-1])
+    by_numbers = np.zeros(2 + len(best.shape.numbers))
+    by_numbers[-1] = -radius / curvature
+    if quantity == "focal_length":
+        by_numbers /= 2
+    return by_x, by_numbers
+
+
+def _tilt(shape: _Shape, designed: Array) -> float:
+    """Angle [rad] between the axis of a surface and the designed one, 0 to π/2."""
+    return _angle(shape.axes[2], designed)
+
+
+def _angle(direction: Array, designed: Array) -> float:
+    """Angle [rad] between the lines along two vectors, 0 to π/2."""
+    across = float(np.linalg.norm(np.cross(direction, designed)))
+    return math.atan2(across, abs(float(direction @ designed)))
+
+
+def _slopes(best: _Best, shape: _Shape) -> Array:
+    """∂d/∂θ (n, m) of the points by two turns and the numbers of a surface."""
+    points = best.scaled.points
+    _, by_point, by_numbers = best.distances_of(points, shape)
+    return _by_surface(points, shape, by_point, by_numbers)
+
+
+def _curvature(best: _Best) -> Array:
+    """∂F/∂θ (m, m) of (2).  Collective."""
+
+    number = len(_force(best, best.shape))
+    forces = lambda step: _force(best, best.shape.moved(step))  # noqa: E731
+    return np.array([_difference(forces, unit) for unit in np.eye(number)])
+
+
+def _force(best: _Best, shape: _Shape) -> Array:
+    """F (m,) of (2) at a surface near the best one.  Collective."""
+    distances, _, _ = best.distances_of(best.scaled.points, shape)
+    return best.scaled.sum(_slopes(best, shape) * distances[:, None])
+
+
+def _change_of_normals(best: _Best, direction: Array) -> Array:
+    """Derivative (n, 3) of ∂d/∂x along a change (m,) of the surface."""
+
+    def normals(step: Array) -> Array:
+        shape = best.shape.moved(step)
+        _, by_point, _ = best.distances_of(best.scaled.points, shape)
+        found: Array = by_point @ shape.axes
+        return found
+
+    return _difference(normals, direction)
+
+
+def _difference(function: Callable[[Array], Array], direction: Array) -> Array:
+    """Derivative of a function at zero along a direction, by a difference of fourth order."""
+    length = float(np.linalg.norm(direction))
+    if length == 0:
+        return np.zeros_like(function(direction))
+    step = DIFFERENCE_STEP / length * direction
+    near = function(step) - function(-step)
+    far = function(2 * step) - function(-2 * step)
+    found: Array = (8 * near - far) * length / (12 * DIFFERENCE_STEP)
     return found
 
 
@@ -267,6 +403,17 @@ class _Best:
     scaled: Samples
     shape: _Shape
     distances_of: _Distances
+
+    def weight_slopes(self, samples: Samples, values: Array) -> Array:
+        """Derivative (n, 3) of Σ w v, times the size, by the points that change areas; v (n,)."""
+        corners = samples.points.reshape(-1, 3, 3)
+        opposite = np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        # A weight is a third of the area of its triangle.
+        of_triangles = values.reshape(-1, 3).sum(axis=1) / 3
+        slopes = np.cross(opposite, normals[:, None]) / 2 * of_triangles[:, None, None]
+        return slopes.reshape(-1, 3) * self.size / self.area
 
 
 def _best(samples: Samples, surface: Surface, axis: Vector) -> _Best:
@@ -301,7 +448,15 @@ def _best(samples: Samples, surface: Surface, axis: Vector) -> _Best:
             for start_axis in (designed, normal)
         ]
         shape = min(minima, key=lambda one: one.mean_square(scaled, distances_of))
-    return _Best(centroid, size, area, designed, scaled, shape, distances_of)
+    best = _Best(centroid, size, area, designed, scaled, shape, distances_of)
+    if distances_of is _from_plane:
+        return best
+    # The mean square hardly depends on the last half of the digits of the surface, on which its
+    # radius and its derivatives do: one step of Newton's method finds them.
+    step = -np.linalg.lstsq(_curvature(best), _force(best, shape), rcond=NEGLIGIBLE)[0]
+    polished = shape.moved(step)
+    is_near = float(np.linalg.norm(step)) < LARGEST_POLISH
+    return replace(best, shape=polished) if is_near else best
 
 
 # Of points (n, 3) and a surface: distances (n,), and their derivatives by the coordinates of the
@@ -320,7 +475,10 @@ class _Shape:
     def moved(self, step: Array) -> _Shape:
         """The surface after a turn (2,) about its first two axes and changes of its numbers."""
         turn = np.array([step[0], step[1], 0.0])
-        return _Shape(rotation_of(-turn) @ self.axes, self.numbers + step[2:])
+        # A plane has no numbers that move.
+        numbers = self.numbers.copy()
+        numbers[: len(step) - 2] += step[2:]
+        return _Shape(rotation_of(-turn) @ self.axes, numbers)
 
     def description(self, surface: Surface) -> tuple[Array, Array, float]:
         """Vertex of a paraboloid or centre of a sphere (3,), its axis (3,), and its radius of
@@ -393,6 +551,13 @@ def _from_sphere(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:
     return distances, by_point, np.column_stack([-by_point[:, 2], by_curvature])
 
 
+def _by_surface(points: Array, shape: _Shape, by_point: Array, by_numbers: Array) -> Array:
+    """Derivatives (n, m) of distances by two turns and the numbers of a surface."""
+    # A turn δθ of the surface moves points by -δθ × x in its axes.
+    by_turn = -np.cross(points @ shape.axes.T, by_point)[:, :2]
+    return np.column_stack([by_turn, by_numbers])
+
+
 def _axes_along(axis: Array) -> Array:
     """Right-handed orthonormal axes (3, 3) as rows, the last one a unit vector (3,)."""
     return np.array([*perpendicular_pair(axis), axis])
@@ -422,9 +587,7 @@ def _least_squares(samples: Samples, start: _Shape, distances_of: _Distances) ->
     damping = FIRST_DAMPING
     for _ in range(MAX_ITERATIONS):
         distances, by_point, by_numbers = distances_of(samples.points, shape)
-        # A turn δθ of the surface moves points by -δθ × x in its axes.
-        by_turn = -np.cross(samples.points @ shape.axes.T, by_point)[:, :2]
-        slopes = np.column_stack([by_turn, by_numbers])
+        slopes = _by_surface(samples.points, shape, by_point, by_numbers)
         matrix = samples.sum(slopes[:, :, None] * slopes[:, None, :])
         right = samples.sum(slopes * distances[:, None])
         damped = matrix + damping * np.diag(np.diag(matrix))

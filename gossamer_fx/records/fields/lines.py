@@ -260,12 +260,16 @@ def _of_stored_energy(system: System, term: Rows, connector: DrawnAsLines, at: A
     here = evaluated_here(term.measure.ports)
     # Rows: tension [N], length at the end [m], and whether the line is taut at one end only.
     own_values = np.zeros((3, count))
+    # Lengths of which a tape has its strains.
+    nominal = natural
+    if is_tape:
+        natural = nominal * float(compiled.get_number(term, "length_scale")[0])
     offset = np.broadcast_to(term.measure.c, (count, 1))[here, 0]
 
     def length(quadratic_part: Array) -> Array:
         """Lengths (r,) [m] of which ½ α l² (r,) is given."""
         if is_tape:
-            return natural[here] * np.sqrt(np.maximum(-quadratic_part / offset, 0.0))
+            return nominal[here] * np.sqrt(np.maximum(-quadratic_part / offset, 0.0))
         return np.sqrt(2 * np.maximum(quadratic_part, 0.0))
 
     measure, stress = compiled.stresses(term, rule_at(at, system))

@@ -24,6 +24,8 @@ from gossamer_fx.core.model.body import Array, Ground, Port, Vector
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.mechanics.bodies.frames import Between, DrawnAsLines, Frame
 from gossamer_fx.mechanics.constraints.latch import HoldDown
+from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
+from gossamer_fx.mechanics.constraints.tie import Seam, Tie
 from gossamer_fx.mechanics.terms.energies_in_time import EnergiesInTime
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multipliers_of
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergies, QuadraticEnergy
@@ -31,8 +33,9 @@ from gossamer_fx.mechanics.terms.rows import CompiledRows
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
 
-# A joint of two sides, each a port or a frame, also one that is held until it is released.
-Joint = Between | HoldDown
+# A joint of two sides, each a port, a frame, a line or a region, also one that is held until it is
+# released.
+Joint = Between | HoldDown | RigidRegion | Tie | Seam
 
 
 class GroundForce:
@@ -43,6 +46,10 @@ class GroundForce:
         system: of the scene.
         item: a support, a joint, or a spring, damper, rope, tether or stop.
 
+    Attributes:
+        supports, clamps, constraints, connectors: its terms.
+        is_counted: whether the force on a port of a constraint or connector counts.
+
     Raises:
         InputError: the item is not in the scene, or is none of these.
     """
@@ -52,19 +59,19 @@ class GroundForce:
         terms = system.unknowns.terms_of(item)
         # A support fixes coordinates, or holds rotations by constraints with multipliers, or those
         # of the edge of a plate by energies.
-        self._supports = [term for term in terms if isinstance(term, Support)]
-        self._constraints = [term for term in terms if isinstance(term, PointConstraint)]
-        self._connectors: list[Any] = [
+        self.supports = [term for term in terms if isinstance(term, Support)]
+        self.constraints = [term for term in terms if isinstance(term, PointConstraint)]
+        self.connectors: list[Any] = [
             term for term in terms if issubclass(term.compiler, CompiledRows)
         ]
-        known = self._supports or self._constraints or self._connectors
+        known = self.supports or self.constraints or self.connectors
         check(bool(known), _not_found(system, item, "support or joint"))
-        self._clamps = [
+        self.clamps = [
             ClampedEdge(system, term)
             for term in terms
-            if self._supports and issubclass(term.compiler, (QuadraticEnergies, EnergiesInTime))
+            if self.supports and issubclass(term.compiler, (QuadraticEnergies, EnergiesInTime))
         ]
-        self._is_counted: Callable[[Port], bool] = lambda port: True
+        self.is_counted: Callable[[Port], bool] = lambda port: True
         sides: list[list[Any]] = [[], []]
         if isinstance(item, Joint):
             sides = [list(_bodies(side)) for side in (item.a, item.b)]
@@ -74,9 +81,9 @@ class GroundForce:
                 f"'{item.name}' joins '{sides[1][0].name}' to itself, so that no one force is that "
                 "of it; ask for those of supports.",
             )
-            self._is_counted = _on_second_side(item.b, *sides)
+            self.is_counted = _on_second_side(item.b, *sides)
         # What has a side on the ground is pushed by it, and all of its ports count.
-        elif not self._supports:
+        elif not self.supports:
             check(
                 self._is_on_ground(),
                 f"'{item.name}' is a {type(item).__name__} that joins no two bodies and is not on "
@@ -87,7 +94,7 @@ class GroundForce:
     def _is_on_ground(self) -> bool:
         """Whether a measure of the item has a side on the ground.  Collective."""
         own = False
-        for term in (*self._constraints, *self._connectors):
+        for term in (*self.constraints, *self.connectors):
             for ports in term.measure.ports:
                 # The measure of one point alone, e.g. a height, is one against the ground.
                 is_alone = len(ports) == 1 and translation_weight(ports[0]) != 0
@@ -100,18 +107,29 @@ class GroundForce:
         system = self._system
         centre = np.asarray(about, dtype=float)
         total = np.zeros((2, 3))
-        for support in self._supports:
+        for support in self.supports:
             total += _support_share(system, support, centre)
-        for clamp in self._clamps:
+        for clamp in self.clamps:
             total[1] += clamp.moment_share(centre)
-        stresses = [(term, multipliers_of(term, system.unknowns)) for term in self._constraints]
-        for term in self._connectors:
-            [compiled] = system.equations.compiled_as(term.compiler)
-            stresses.append((term, compiled.stresses_of_step(term)))
-        for term, S in stresses:
-            total += _measure_share(system, term.measure, S, self._is_counted, centre)
+        for term in (*self.constraints, *self.connectors):
+            S = self.stresses_of(term)
+            total += _measure_share(system, term.measure, S, self.is_counted, centre)
         force, moment = system.comm.allreduce(total)
         return force, moment
+
+    def stresses_of(self, term: Any) -> Array:
+        """Multipliers or stresses (n, m) of a constraint or connector, of the tuples of ports that
+        this rank evaluates.  Collective."""
+        if isinstance(term, PointConstraint):
+            return multipliers_of(term, self._system.unknowns)
+        [compiled] = self._system.equations.compiled_as(term.compiler)
+        found: Array = compiled.stresses_of_step(term)
+        return found
+
+    def support_shares(self) -> list[tuple[Support, Array]]:
+        """The supports, each with the share (unknowns of this rank,) that it bears of the force on
+        a coordinate."""
+        return [(term, 1 / _holders(self._system, term)) for term in self.supports]
 
 
 class ClampedEdge:
@@ -234,11 +252,8 @@ def _support_share(system: System, term: Support, centre: Array) -> Array:
     """
     owned = system.unknowns.block(term.body).owned
     vectors = term.body.block.size // 3
-    mine = _owned_coordinates(system, term)
-    holders = np.zeros(system.unknowns.numbering.size_local)
-    for other in system.unknowns.terms:
-        if isinstance(other, Support) and other.body is term.body:
-            holders[_owned_coordinates(system, other)] += 1
+    mine = owned_coordinates(system, term)
+    holders = _holders(system, term)
     forces_of_supports = system.unknowns.supports.forces
     assert forces_of_supports is not None
     all_forces = np.zeros(system.unknowns.numbering.size_local)
@@ -253,7 +268,17 @@ def _support_share(system: System, term: Support, centre: Array) -> Array:
     return np.array([forces[:, 0].sum(axis=0), np.cross(arms, forces).sum(axis=(0, 1))])
 
 
-def _owned_coordinates(system: System, term: Support) -> npt.NDArray[np.int64]:
+def _holders(system: System, term: Support) -> Array:
+    """How many supports hold each coordinate of the body of one (unknowns of this rank,); one where
+    none does."""
+    holders = np.zeros(system.unknowns.numbering.size_local)
+    for other in system.unknowns.terms:
+        if isinstance(other, Support) and other.body is term.body:
+            holders[owned_coordinates(system, other)] += 1
+    return np.maximum(holders, 1.0)
+
+
+def owned_coordinates(system: System, term: Support) -> npt.NDArray[np.int64]:
     """Local numbers of the coordinates that a support holds on this rank, each once."""
     owned = system.unknowns.block(term.body).owned
     on_this_rank = term.dofs[term.dofs < owned.stop - owned.start]

@@ -20,11 +20,12 @@ from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.best_surface import (
     Z_AXIS,
+    Quantity,
     Samples,
     Surface,
     best_surface,
     cells_of,
-    rms_slopes,
+    surface_slopes,
 )
 from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions
@@ -34,7 +35,7 @@ from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import ForSystem, StateView
 
 # What `SurfaceError` returns of a `BestSurface`, and its unit
-SURFACE_UNITS = {
+SURFACE_UNITS: dict[Quantity, str] = {
     "rms": "m",
     "peak_to_valley": "m",
     "tilt": "rad",
@@ -216,7 +217,8 @@ class StateArea(_FilmArea):
 @check_arguments
 class SurfaceError(Objective):
     """How far a film is from the plane, paraboloid or sphere that fits it best; see
-    `gx.analysis.best_surface`.  The rms has a derivative, e.g. for `gx.analysis.gradient`.
+    `gx.analysis.best_surface`.  All quantities at the end of a step have derivatives, e.g. for
+    `gx.analysis.gradient`: by the positions of the nodes and by the areas that weight them.
 
     Args:
         film: the film.
@@ -242,7 +244,7 @@ class SurfaceError(Objective):
         film: Membrane,
         surface: Surface = "plane",
         *,
-        quantity: Literal["rms", "peak_to_valley", "tilt", "radius", "focal_length"] = "rms",
+        quantity: Quantity = "rms",
         group: str = "",
         axis: Vector = Z_AXIS,
         at: At = "end",
@@ -250,7 +252,7 @@ class SurfaceError(Objective):
         cells_of(film, group)  # refuses a group that the mesh does not have
         self.film = film
         self.surface: Surface = surface
-        self.quantity = quantity
+        self.quantity: Quantity = quantity
         self.group = group
         self.axis = axis
         self.at: At = at
@@ -271,15 +273,15 @@ class SurfaceError(Objective):
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative of the rms by the positions; `InputError` of other quantities."""
+        """Add the derivative by the positions; `InputError` where there is none, as of the error of
+        a perfect surface."""
         check(
-            self.quantity == "rms" and self.at == "end",
-            f"SurfaceError: the {self.quantity} at the {self.at} has no derivative here; take the "
-            'rms at the "end".',
+            self.at == "end",
+            f'SurfaceError: the {self.quantity} at the "mean" has no derivative; take the "end".',
         )
         film = self.film
         samples = Samples.of(system, film, self.group, self.at)
-        slopes = rms_slopes(samples, self.surface, self.axis)
+        slopes = surface_slopes(samples, self.surface, self.quantity, self.axis)
         nodes = linear_pieces(film.full.space.dofmap.list[cells_of(film, self.group)], 2)
         dofs = film.space.dofmap
         b = la.vector(dofs.index_map, dofs.index_map_bs)

@@ -7,6 +7,7 @@ with respect to coordinates and velocities.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any
 
 import ufl
@@ -44,3 +45,29 @@ class Objective(ABC):
         """Add ∂J/∂y of the present state, y the scalar unknowns of the system in their order, e.g.
         the pressures of gas."""
         return
+
+    def residual_parts(self, system: System) -> Sequence[tuple[PETSc.Vec, PETSc.Vec]]:
+        """Coordinates q and weights w, new vectors: by parameters θ the result has the direct
+        derivative Σ w·∂r/∂θ(q) of the residual r of an equilibrium, as a reaction or a stiffness
+        has; asked after `add_derivative`."""
+        return ()
+
+    def mass_parts(self, system: System) -> Sequence[tuple[PETSc.Vec, PETSc.Vec]]:
+        """Vectors v and w: by parameters θ the result has the direct derivative Σ w·∂M/∂θ v of the
+        masses M; asked after `add_derivative`."""
+        return ()
+
+
+class ForceObjective(Objective):
+    """A force in an equilibrium, of which supports bear the part w·r and connectors another one."""
+
+    @abstractmethod
+    def residual_weights(self, system: System) -> PETSc.Vec:
+        """w, a new vector that is zero at free coordinates."""
+
+    @abstractmethod
+    def by_number(self, system: System, compiled: Any, term: Any, key: str) -> float:
+        """Direct derivative of the part of connectors by a number of a term, this rank's share."""
+
+    def residual_parts(self, system: System) -> Sequence[tuple[PETSc.Vec, PETSc.Vec]]:
+        return [(system.unknowns.q0.copy(), self.residual_weights(system))]

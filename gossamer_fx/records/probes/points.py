@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from petsc4py import PETSc
@@ -15,7 +15,7 @@ from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.records.fields.reactions import GroundForce, Joint, joint_force
-from gossamer_fx.records.probes.objective import Objective
+from gossamer_fx.records.probes.objective import ForceObjective, Objective
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import ForSystem, StateView, chamber_state
 
@@ -23,6 +23,7 @@ from gossamer_fx.solve.view import ForSystem, StateView, chamber_state
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.contract import Opening, Volume
     from gossamer_fx.mechanics.gas.ring import Loop, Ring
+    from gossamer_fx.records.fields.reaction_derivatives import ReactionDerivative
 
 # Components of a vector by name
 AxisName = Literal["x", "y", "z"]
@@ -73,6 +74,10 @@ class Position(Objective):
         `gx.analysis.gradient`."""
         self._add_weights(system, by_position)
 
+    def add_initial_derivative(self, system: System, share: float, by_position: PETSc.Vec) -> None:
+        """Add a share of the derivative of this probe by the coordinates at the start of the run,
+        if it measures from there.  Collective."""
+
     def _add_weights(self, system: System, vector: PETSc.Vec) -> None:
         """Add the weights with which the port takes the coordinate from the unknowns of its
         body."""
@@ -107,6 +112,12 @@ class Displacement(Position):
         """The component [m] in the state of a run."""
         start = run.system.unknowns.initial.vector(self.port)
         return super().__call__(run) - float(start[AXES[self.axis]])
+
+    def add_initial_derivative(self, system: System, share: float, by_position: PETSc.Vec) -> None:
+        weights = system.unknowns.numbering.vector()
+        self._add_weights(system, weights)
+        by_position.axpy(-share, weights)
+        weights.destroy()
 
 
 @check_arguments
@@ -272,14 +283,15 @@ class JointForce:
 
 
 @check_arguments
-class Reaction:
+class Reaction(ForceObjective):
     """Component of the force [N], or of its moment [N m], that the ground exerts on the scene
     through a support, joint or connector, in the last step.
 
     Of a joint or connector between two bodies it is what its second side `b` bears; side `a` bears
     the opposite.  The force of a rope or spring includes that of its damping.  In a run the forces
     through all items on the ground, and those of loads (`LoadResultant`) and obstacles
-    (`ContactForce`), are the change of the momentum over the step; at rest their sum is zero.
+    (`ContactForce`), are the change of the momentum over the step; at rest their sum is zero.  In
+    an equilibrium it has derivatives, for `gx.analysis.gradient`.
 
     Args:
         of: a support such as `Fixed`, a joint, or a spring, damper, rope, tether or stop of the
@@ -322,6 +334,30 @@ class Reaction:
         force, moment = self._force(run.system)(self.about)
         vector = force if self.action == "force" else moment
         return float(vector[AXES[self.axis]])
+
+    def _derivative(self, system: System) -> ReactionDerivative:
+        # Imported here: most scenes ask for no derivative.
+        from gossamer_fx.records.fields.reaction_derivatives import ReactionDerivative
+
+        about = self.about if self.action == "moment" else None
+        direction = np.eye(3)[AXES[self.axis]]
+        return ReactionDerivative(system, self._force(system), direction, about)
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative in an equilibrium by the coordinates; `InputError` in a run."""
+        self._derivative(system).add(by_position)
+
+    def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
+        """Add the derivative by the pressures of gas."""
+        self._derivative(system).add_scalars(by_scalars)
+
+    def residual_weights(self, system: System) -> PETSc.Vec:
+        return self._derivative(system).residual_weights()
+
+    def by_number(self, system: System, compiled: Any, term: Any, key: str) -> float:
+        return self._derivative(system).by_number(compiled, term, key)
 
     @classmethod
     def components(

@@ -34,8 +34,9 @@ class Case:
         fields: names of fields by the names of films, see `Recording`.
         probes: functions of the run by name, see `outputs.Probes`; "tip x [m]" and "tip y [m]" are
             drawn as the curves x and y of "tip [m]".
-        frames: number of equal intervals of time, with a record of the fields for each: at the end
-            of the step that contains its end.  Where steps are longer, there are fewer.
+        frames: number of equal intervals of time, with a record of the fields for each, at the end
+            of the step that contains its end, and one of the start: 25 frames are 26 records.
+            Where steps are longer, there are fewer.
         control: see `Simulation`.
         events: see `Simulation`.
         halvings: see `Simulation`.

@@ -137,6 +137,20 @@ class Matrices:
         Rows and columns of fixed coordinates are those of the unit matrix.  The object is the same
         in every call, and is overwritten by the next one.  Collective.
         """
+        self._assemble()
+        self._unknowns.supports.clear(self.A, 1.0)
+        self.coupled_tangent.fetch_couplings()
+        return self.coupled_tangent
+
+    def tangent_with_supports(self) -> PETSc.Mat:
+        """The tangent [N/m] with the rows and columns of fixed coordinates, which are forces on
+        supports; without pairs of contact.  It is A, which the next assembly overwrites.
+        Collective."""
+        self._assemble()
+        return self.A
+
+    def _assemble(self) -> None:
+        """Assemble A with all rows.  Collective."""
         M = self._unknowns.M
         c = self._unknowns.increment.c
         if self._base is None:
@@ -153,9 +167,6 @@ class Matrices:
             self._base.copy(self.A, SAME_PATTERN)
         self._add_tangents(self.A)
         self.A.assemble()
-        self._unknowns.supports.clear(self.A, 1.0)
-        self.coupled_tangent.fetch_couplings()
-        return self.coupled_tangent
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         """Compiled bilinear forms that add up to the tangent of a body on a mesh, of all terms."""

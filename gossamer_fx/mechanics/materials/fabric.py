@@ -1,0 +1,383 @@
+"""A law of woven fabrics from measured curves of warp, weft and shear.
+
+Problem.  A fabric is tested along its warp, along its weft, and in shear.  Each test gives a curve
+of tension over strain, which bends as the yarns straighten.  A strip that is pulled along one yarn
+contracts along the other one, as crimp goes from one to the other.  Yarns bear no compression.
+
+Idea.  With the strains e1 = E11, e2 = E22 and γ = 2 E12 in the axes of the yarns,
+
+    W = Q(e1, e2) + R1(e1) + R2(e2) + Φ12(γ) + residual stiffness.                               (1)
+
+Q is the energy of a linear film with the first slopes K1, K2 of both curves and the contraction
+ν12, relaxed: a yarn that would be pressed is slack, and takes the strain without stress.  With k1 =
+K1/(1 - ν12 ν21), k2 alike, ν21 = ν12 K2/K1 and u1 = e1 + ν21 e2, u2 = e2 + ν12 e1,
+
+    both taut     u1, u2 ≥ 0       Q = ½ (k1 e1² + 2 ν12 k2 e1 e2 + k2 e2²)
+    weft slack    e1 ≥ 0 ≥ u2      Q = ½ K1 e1²                                                  (2)
+    warp slack    e2 ≥ 0 ≥ u1      Q = ½ K2 e2²
+    both slack    e1, e2 ≤ 0       Q = 0
+
+R1 and R2 are what the curves have beyond their first slopes, sums of ½ c ⟨e - e_k⟩² over the
+corners.  A strip that is pulled along a yarn, its sides free, has the measured curve exactly at the
+measured points: in (1) they stand as (E, S) = (x + ½x², N/(1 + x)) of an engineering strain x and a
+tension N, and the law is linear in between.
+
+The stress is piecewise linear, so that its average along the straight path of a step is a sum of
+few terms: the path meets each of the four cones (2) in one interval, and corners as in
+`bodies.tabulated_cable`.  (1) is convex unless slopes fall so far that the product of both is at
+most (ν12 k2)², which is checked.
+
+Limits.  Loading and unloading follow the same curve: there is no hysteresis and no friction between
+yarns.  Contraction is that of small strain.  The axes turn with the film and stay orthogonal in
+(1): large shear angles, as in draping, are not followed.
+
+Source: laws of the same kind are LAW58 of Radioss and MAT_FABRIC, form 14, of LS-DYNA, by their
+published manuals; the relaxation is that of `orthotropic` in fixed axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh as DolfinxMesh
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.strain_path import Piece, mean_of_positive_part
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.materials.film import (
+    ROUND_OFF,
+    SLACK,
+    TAUT,
+    WRINKLED,
+    FilmLaw,
+    StiffnessRatio,
+)
+from gossamer_fx.mechanics.materials.orthotropic import Direction, check_direction, in_axes
+
+# Strains or angles, and tensions [N/m] there.
+Curve = tuple[Sequence[float] | Array, Sequence[float] | Array]
+
+CURVES = ("warp", "weft", "shear")
+
+
+@check_arguments
+@dataclass(frozen=True, kw_only=True)
+class Fabric(FilmLaw):
+    """A woven fabric, by the measured curves of its warp, its weft and its shear.
+
+    The curves are piecewise linear between their points, and go on with their last slope.  Warp and
+    weft bear no compression; shear is the same in both senses.
+
+    Args:
+        warp: two columns: engineering strains of a strip that is pulled along the warp, its sides
+            free, from zero on, rising; and its tensions [N/m] per stress-free width, from zero on,
+            not falling.
+        weft: the same along the weft.
+        shear: two columns: shears γ = 2 E12 [rad] from zero on, and shear forces [N/m].
+        contraction: ν12, the contraction along the weft over the extension along the warp of the
+            first of these strips at small strain.
+        residual_stiffness: stiffness of slack yarns over that of their first slope.
+        density: [kg/m³], thickness: [m]: together the mass; stresses are tensions over thickness.
+        direction: of the warp: a vector (3,), {group: vector}, or a function of points.
+
+    Raises:
+        InputError: curves that do not begin at zero, do not rise, or fall; a contraction with which
+            the energy is not convex.
+
+    Example:
+        >>> law = gx.materials.Fabric(
+        ...     warp=([0.0, 0.01, 0.03], [0.0, 2e3, 20e3]),
+        ...     weft=([0.0, 0.03], [0.0, 15e3]),
+        ...     shear=([0.0, 0.1], [0.0, 500.0]),
+        ...     density=800.0,
+        ...     thickness=3e-4,
+        ...     direction=(1, 0, 0),
+        ... )
+        >>> [round(tension) for tension in law.tensions(0.03, 0.0, 0.05)]
+        [20000, 0, 250]
+    """
+
+    warp: Curve
+    weft: Curve
+    shear: Curve
+    contraction: float = 0.0
+    residual_stiffness: StiffnessRatio = 1e-6
+    direction: Direction
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_direction(type(self).__name__, self.direction)
+        for name in CURVES:
+            columns = [np.asarray(column, dtype=float) for column in getattr(self, name)]
+            _check_curve(name, *columns)
+            object.__setattr__(self, name, tuple(tuple(column.tolist()) for column in columns))
+        # Of each yarn the first slope, and the least change of it.
+        first, least = zip(*(self._slope_range(name) for name in CURVES[:2]), strict=True)
+        ratio = self.contraction**2 * first[1] / first[0]
+        check(
+            ratio < 1,
+            f"Fabric: contraction is {self.contraction!r}; give less than √(warp/weft) = "
+            f"{np.sqrt(first[0] / first[1]):.4g} of the first slopes in size.",
+        )
+        stiff = [slope / (1 - ratio) + change for slope, change in zip(first, least, strict=True)]
+        check(
+            stiff[0] > 0 and stiff[0] * stiff[1] > (self.contraction * first[1] / (1 - ratio)) ** 2,
+            f"Fabric: with a contraction of {self.contraction!r} the energy is not convex where a "
+            "curve is flattest; give a smaller contraction, or curves that flatten less.",
+        )
+
+    def _slope_range(self, name: str) -> tuple[float, float]:
+        """First slope [N/m] of a curve over the Green-Lagrange strain, and the least slope less
+        it."""
+        strains, stresses = _green(name, *getattr(self, name))
+        slopes = np.diff(stresses) / np.diff(strains)
+        return float(slopes[0]), float(slopes.min() - slopes[0])
+
+    def constants(self, mesh: DolfinxMesh) -> SimpleNamespace:
+        """The points as constants of a mesh: another fabric with as many points compiles nothing,
+        and results have derivatives by the tensions of the points."""
+        found = super().constants(mesh)
+        for name in CURVES:
+            strains, tensions = getattr(self, name)
+            setattr(found, f"{name}_strains", fem.Constant(mesh, np.array(strains)))
+            setattr(found, name, fem.Constant(mesh, np.array(tensions)))
+        return found
+
+    # ---- curves ----------------------------------------------------------------------------------
+
+    def _corners(self, name: str, c: Any) -> tuple[list[Expr], list[Expr]]:
+        """Strains [-] at which the slope of a curve changes, and its changes [N/m]: the first one
+        is the first slope, at zero strain."""
+        count = len(getattr(self, name)[0])
+        given = [getattr(c, f"{name}_strains")[k] for k in range(count)]
+        tensions = [getattr(c, name)[k] for k in range(count)]
+        strains, stresses = _green(name, given, tensions)
+        slopes = [
+            (stresses[k + 1] - stresses[k]) / (strains[k + 1] - strains[k])
+            for k in range(count - 1)
+        ]
+        changes = [slopes[0], *(slopes[k] - slopes[k - 1] for k in range(1, count - 1))]
+        return strains[:-1], changes
+
+    def _beyond(self, name: str, c: Any, term: Callable[[Expr], Expr], first: int) -> Expr:
+        """Σ c_k term(e_k) over the corners from the number `first` on."""
+        strains, changes = self._corners(name, c)
+        total = ufl.as_ufl(0.0)
+        for strain, change in list(zip(strains, changes, strict=True))[first:]:
+            total += change * term(strain)
+        return total
+
+    def _linear(self, c: Any) -> SimpleNamespace:
+        """K1, K2 and k1, k2, ν12, ν21 of (2)."""
+        K1, K2 = (self._corners(name, c)[1][0] for name in CURVES[:2])
+        ν12 = c.contraction
+        ν21 = ν12 * K2 / K1
+        return SimpleNamespace(
+            K1=K1, K2=K2, k1=K1 / (1 - ν12 * ν21), k2=K2 / (1 - ν12 * ν21), ν12=ν12, ν21=ν21
+        )
+
+    # ---- the law ---------------------------------------------------------------------------------
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        """Equation (1) of the module."""
+        e = in_axes(e, c)
+        m = self._linear(c)
+        taut = (m.k1 * e[0] ** 2 + 2 * m.ν12 * m.k2 * e[0] * e[1] + m.k2 * e[1] ** 2) / 2
+        total = self._by_state(e, m, taut, m.K1 * e[0] ** 2 / 2, m.K2 * e[1] ** 2 / 2, 0.0)
+        for k, name in enumerate(CURVES[:2]):
+            total += self._beyond(name, c, _half_square(e[k]), 1)
+        for side in (e[2], -e[2]):
+            total += self._beyond("shear", c, _half_square(side), 0)
+        return total + c.residual_stiffness * (m.K1 * e[0] ** 2 + m.K2 * e[1] ** 2) / 2
+
+    def _by_state(self, e: Expr, m: Any, taut: Any, warp: Any, weft: Any, slack: Any) -> Expr:
+        """A value by the state of a strain in the axes: both yarns taut, the warp alone, the weft
+        alone, none."""
+        u1 = e[0] + m.ν21 * e[1]
+        u2 = e[1] + m.ν12 * e[0]
+        alone = ufl.conditional(
+            ufl.gt(e[0], 0.0), warp, ufl.conditional(ufl.gt(e[1], 0.0), weft, slack)
+        )
+        # Strains of round-off are those of an unstrained film, which is taut.
+        both = ufl.And(ufl.ge(u1, -ROUND_OFF), ufl.ge(u2, -ROUND_OFF))
+        return ufl.conditional(both, taut, alone)
+
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """The four cones (2), each met in one interval; in each the stress is linear but for
+        corners."""
+        m = self._linear(c)
+        ends = [in_axes(e, c) for e in (e0, e1)]
+        first = [(e[0], e[1], e[0] + m.ν21 * e[1], e[1] + m.ν12 * e[0]) for e in ends]
+        along = dict(zip(("e1", "e2", "u1", "u2"), zip(*first, strict=True), strict=True))
+        margin = {"e1": 0.0, "e2": 0.0, "u1": ROUND_OFF, "u2": ROUND_OFF}
+
+        def interval(*signs: tuple[str, float]) -> tuple[Expr, Expr]:
+            """Where all of these have their signs."""
+            start, end = ufl.as_ufl(0.0), ufl.as_ufl(1.0)
+            for name, sign in signs:
+                a, b = (sign * (y + margin[name]) for y in along[name])
+                passes = ufl.lt(a * b, 0.0)
+                root = a / ufl.conditional(passes, a - b, 1.0)
+                # Never: the interval is empty.
+                never = ufl.And(ufl.le(a, 0.0), ufl.le(b, 0.0))
+                rises = ufl.conditional(ufl.lt(a, 0.0), root, 0.0)
+                falls = ufl.conditional(ufl.lt(a, 0.0), 1.0, root)
+                start = ufl.max_value(start, ufl.conditional(passes, rises, 0.0))
+                end = ufl.min_value(
+                    end, ufl.conditional(passes, falls, ufl.conditional(never, 0.0, 1.0))
+                )
+            return start, ufl.max_value(start, end)
+
+        def stress(of_Q: Callable[[Expr], tuple[Any, Any]]) -> Callable[[Expr, Expr], Expr]:
+            def mean(ea: Expr, eb: Expr) -> Expr:
+                a, b = in_axes(ea, c), in_axes(eb, c)
+                parts = zip((*of_Q((a + b) / 2), 0.0), self._rest(a, b, m, c), strict=True)
+                return self._out_of_axes([linear + rest for linear, rest in parts], c)
+
+            return mean
+
+        def taut(e: Expr) -> tuple[Expr, Expr]:
+            return m.k1 * e[0] + m.ν12 * m.k2 * e[1], m.k2 * (e[1] + m.ν12 * e[0])
+
+        def warp(e: Expr) -> tuple[Expr, float]:
+            return m.K1 * e[0], 0.0
+
+        def weft(e: Expr) -> tuple[float, Expr]:
+            return 0.0, m.K2 * e[1]
+
+        def slack(e: Expr) -> tuple[float, float]:
+            return 0.0, 0.0
+
+        return [
+            Piece(*interval(("u1", 1.0), ("u2", 1.0)), stress(taut), TAUT),
+            Piece(*interval(("e1", 1.0), ("u2", -1.0)), stress(warp), WRINKLED),
+            Piece(*interval(("e2", 1.0), ("u1", -1.0)), stress(weft), WRINKLED),
+            Piece(*interval(("e1", -1.0), ("e2", -1.0)), stress(slack), SLACK),
+        ]
+
+    def _rest(self, a: Expr, b: Expr, m: Any, c: Any) -> list[Expr]:
+        """Stress (3,) [N/m] of all of (1) but Q, averaged from the strain a to b in the axes."""
+        found = []
+
+        def mean(ya: Expr, yb: Expr) -> Callable[[Expr], Expr]:
+            return lambda at: mean_of_positive_part(ya - at, yb - at)
+
+        for k, (name, K) in enumerate(zip(CURVES[:2], (m.K1, m.K2), strict=True)):
+            beyond = self._beyond(name, c, mean(a[k], b[k]), 1)
+            found.append(beyond + c.residual_stiffness * K * (a[k] + b[k]) / 2)
+        sides = [self._beyond("shear", c, mean(s * a[2], s * b[2]), 0) for s in (1.0, -1.0)]
+        return [*found, sides[0] - sides[1]]
+
+    def _out_of_axes(self, stress: Sequence[Expr], c: Any) -> Expr:
+        """A stress (3,) in the axes of the yarns as one in the frame of the film: the strain in the
+        axes is linear in that of the frame, and this is its transpose."""
+        rows = [in_axes(ufl.unit_vector(k, 3), c) for k in range(3)]
+        return ufl.as_vector([sum(row[m] * stress[m] for m in range(3)) for row in rows])
+
+    def state(self, e: Expr, c: Any) -> Expr:
+        """Taut where both yarns are, slack where neither is, wrinkled where one is slack."""
+        m = self._linear(c)
+        wrinkled = float(WRINKLED)
+        return self._by_state(in_axes(e, c), m, float(TAUT), wrinkled, wrinkled, float(SLACK))
+
+    def unwrinkled(self) -> FirstStiffness:
+        """The film with the stiffnesses at zero strain, without slack yarns."""
+        return FirstStiffness(density=self.density, thickness=self.thickness, fabric=self)
+
+    def first_energy(self, e: Expr, c: Any) -> Expr:
+        """Energy [J/m²] of a strain in the frame with the stiffnesses at zero strain."""
+        e = in_axes(e, c)
+        m = self._linear(c)
+        G = self._corners("shear", c)[1][0]
+        quadratic = m.k1 * e[0] ** 2 + 2 * m.ν12 * m.k2 * e[0] * e[1] + m.k2 * e[1] ** 2
+        return (quadratic + G * e[2] ** 2) / 2
+
+    @check_arguments
+    def tensions(self, warp: float, weft: float, shear: float) -> tuple[float, float, float]:
+        """Tensions of warp and weft per stress-free width [N/m], and the shear force [N/m].
+
+        Args:
+            warp, weft: engineering strains, above -1.
+            shear: γ = 2 E12 [rad].
+        """
+        (K1, _), (K2, _) = (self._slope_range(name) for name in CURVES[:2])
+        ν12 = self.contraction
+        ν21 = ν12 * K2 / K1
+        e1, e2 = (x + x**2 / 2 for x in (warp, weft))
+        N1, N2 = 0.0, 0.0
+        if e1 + ν21 * e2 >= 0 and e2 + ν12 * e1 >= 0:
+            N1 = K1 * (e1 + ν21 * e2) / (1 - ν12 * ν21)
+            N2 = K2 * (e2 + ν12 * e1) / (1 - ν12 * ν21)
+        elif e1 > 0:
+            N1 = K1 * e1
+        elif e2 > 0:
+            N2 = K2 * e2
+        N1 += self._above("warp", e1) + self.residual_stiffness * K1 * e1
+        N2 += self._above("weft", e2) + self.residual_stiffness * K2 * e2
+        in_shear = self._slope_range("shear")[0] * abs(shear) + self._above("shear", abs(shear))
+        return N1 * (1 + warp), N2 * (1 + weft), float(np.copysign(in_shear, shear))
+
+    def _above(self, name: str, e: float) -> float:
+        """What a curve has beyond its first slope at a strain e [N/m]."""
+        strains, stresses = _green(name, *getattr(self, name))
+        slopes = np.diff(stresses) / np.diff(strains)
+        corners = zip(np.diff(slopes), strains[1:-1], strict=True)
+        return float(sum(change * max(e - at, 0.0) for change, at in corners))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstStiffness(FilmLaw):
+    """A film with the stiffnesses of a fabric at zero strain, by which damping acts; its constants
+    are those of the fabric."""
+
+    fabric: Fabric
+
+    quadratic = True
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        return self.fabric.first_energy(e, c)
+
+
+def _half_square(y: Expr) -> Callable[[Expr], Expr]:
+    """½ ⟨y - corner⟩² as a function of a corner."""
+    return lambda corner: ufl.max_value(y - corner, 0.0) ** 2 / 2
+
+
+def _green(name: str, strains: Any, tensions: Any) -> tuple[Any, Any]:
+    """Points of a curve as Green-Lagrange strains and stresses along them; those of shear as they
+    are.  Columns of numbers or of expressions."""
+    if name == "shear":
+        return list(strains), list(tensions)
+    pairs = list(zip(strains, tensions, strict=True))
+    return [x + x**2 / 2 for x, _ in pairs], [N / (1 + x) for x, N in pairs]
+
+
+def _check_curve(name: str, strains: Array, tensions: Array) -> None:
+    """Raise `InputError` unless the columns (n,) are those of a curve."""
+    check(
+        strains.ndim == 1 and strains.shape == tensions.shape and len(strains) >= 2,
+        f"Fabric: {name} has columns of the shapes {strains.shape} and {tensions.shape}; give two "
+        "columns of equal length with two points or more.",
+    )
+    check(
+        strains[0] == 0 and tensions[0] == 0,
+        f"Fabric: {name} begins at ({strains[0]:g}, {tensions[0]:g}); begin at zero strain and "
+        "zero tension.",
+    )
+    check(
+        bool((np.diff(strains) > 0).all()),
+        f"Fabric: the strains of {name} do not rise; sort the points and leave out repeated ones.",
+    )
+    check(
+        tensions[1] > 0 and bool((np.diff(tensions) >= 0).all()),
+        f"Fabric: the tensions of {name} fall, or are zero at the second point; give tensions that "
+        "rise from zero on and do not fall.",
+    )
