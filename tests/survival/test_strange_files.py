@@ -391,6 +391,15 @@ def with_compressed_array(state: dict[str, Any], folder: Path) -> None:
         archive.writestr("names 0.npy", declared((2**27,)) + bytes(2**27))
 
 
+def with_encrypted_array(state: dict[str, Any], folder: Path) -> None:
+    share = folder / "rank-0000.npz"
+    content = bytearray(share.read_bytes())
+    # The bits of a member in its own head and in the list at the end.
+    for head, place in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        content[content.index(head) + place] |= 1
+    share.write_bytes(content)
+
+
 def with_nan(state: dict[str, Any], folder: Path) -> None:
     with np.load(folder / "rank-0000.npz") as file:
         arrays = dict(file)
@@ -409,7 +418,14 @@ def with_other_time(state: dict[str, Any], folder: Path) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [with_huge_array, with_compressed_array, with_nan, with_other_history, with_other_time],
+    [
+        with_huge_array,
+        with_compressed_array,
+        with_encrypted_array,
+        with_nan,
+        with_other_history,
+        with_other_time,
+    ],
 )
 def test_a_checkpoint_of_a_stranger_is_checked(
     tmp_path: Path, change: Callable[[dict[str, Any], Path], None]
