@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
+from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 from dolfinx.mesh import meshtags
 
@@ -68,6 +69,7 @@ class Membrane(Meshed):
             function of the cells' midpoints (3, n) that returns (n,).  E.g. devices on a sail:
             {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
         thermal: thermal expansion, with the temperature of the film; default none.
+        initial_tension: the same as a force over a length [N/m], stress times thickness.
         initial_stress: stress [Pa] of the film in the shape of the mesh: a number (the same in all
             directions) or a tensor (3, 3), whose part in the film counts; {group: number or tensor}
             of surfaces of the mesh, elsewhere none; or a function of points (3, n) that returns
@@ -101,6 +103,7 @@ class Membrane(Meshed):
         thermal: ThermalExpansion | None = None,
         initial_stress: Tensors = None,
         initial_strain: Tensors = None,
+        initial_tension: Tensors = None,
         displacement: PointFunction | Mapping[str, PointFunction] | None = None,
         velocity: PointFunction | None = None,
         name: str = "film",
@@ -127,6 +130,7 @@ class Membrane(Meshed):
         # A restart compares these arguments, see `outputs.output`.
         self._initial_stress = initial_stress
         self._initial_strain = initial_strain
+        self._initial_tension = initial_tension
         self._prestress()
         what = f"Membrane '{name}': its displacement"
         self._displacement: PointFunction | Mapping[str, PointFunction] | None
@@ -163,9 +167,26 @@ class Membrane(Meshed):
             strains = film_tensors(self.mesh, self._initial_strain, what)
             check_strain(self.mesh, strains, what)
             self.constants.initial_strain = strains
-        if self._initial_stress is not None:
+        tension = self._initial_tension
+        check_one_given(self.name, self._initial_strain, tension, "initial_tension")
+        check(
+            tension is None or self._initial_stress is None,
+            f"'{self.name}': initial_stress and initial_tension are both given; give one of them.",
+        )
+        if self._initial_stress is not None or tension is not None:
             what = f"'{self.name}': its initial_stress"
-            stresses = film_tensors(self.mesh, self._initial_stress, what)
+            given = self._initial_stress
+            if tension is not None:
+                what = f"'{self.name}': its initial_tension"
+                given = tension
+            stresses = film_tensors(self.mesh, given, what)
+            if tension is not None:
+                thickness = self.constants.thickness
+                # One number, or one of each cell.
+                values = np.atleast_1d(getattr(thickness, "value", 0.0))
+                if isinstance(thickness, fem.Function):
+                    values = thickness.x.array
+                stresses.x.array.reshape(-1, 9)[:] /= values[:, None]
             check_stress(self.mesh, stresses, self.law, what)
             self.constants.initial_stress = stresses
 

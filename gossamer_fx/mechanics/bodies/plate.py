@@ -106,7 +106,8 @@ class Plate(Membrane):
             It is added to the curvature of a curved mesh.
         thermal: thermal expansion; its `gradient` across the thickness changes the curvature
             without moments.
-        properties, initial_stress, initial_strain, displacement, velocity: as of `Membrane`.
+        properties, initial_stress, initial_strain, initial_tension, displacement, velocity: as of
+            `Membrane`.
         name: name in messages and output.
 
     Raises:
@@ -135,6 +136,7 @@ class Plate(Membrane):
         thermal: ThermalExpansion | None = None,
         initial_stress: Tensors = None,
         initial_strain: Tensors = None,
+        initial_tension: Tensors = None,
         displacement: PointFunction | Mapping[str, PointFunction] | None = None,
         velocity: PointFunction | None = None,
         name: str = "plate",
@@ -174,6 +176,7 @@ class Plate(Membrane):
             thermal=thermal,
             initial_stress=initial_stress,
             initial_strain=initial_strain,
+            initial_tension=initial_tension,
             displacement=displacement,
             velocity=velocity,
             name=name,

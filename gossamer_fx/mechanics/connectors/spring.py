@@ -116,6 +116,22 @@ def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
     return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
 
 
+def natural_length(
+    what: str, a: Attached, b: Attached, *, stiffness: float, tension: float, start: State
+) -> float:
+    """Natural length [m] with which a spring has a tension [N] in the shape in which a scene
+    starts; `what` names it in messages.  Collective."""
+    distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
+    length = distance - tension / stiffness
+    check(
+        length > 0,
+        f"{what}: its initial_tension is {tension:g} N, which a stiffness of {stiffness:g} N/m does"
+        f" not have between points that are {distance:.4g} m apart; give a larger stiffness, or its"
+        " length.",
+    )
+    return length
+
+
 @dataclass(frozen=True, eq=False)
 class LengthConnector(Between):
     """A stiffness between two points, by its `law` in both directions or one."""
@@ -124,29 +140,66 @@ class LengthConnector(Between):
     b: Attached
     _: KW_ONLY
     stiffness: Stiffness
-    length: Length
+    length: Length | None
 
     law: ClassVar[Any] = staticmethod(length_spring)
 
     def terms(self, start: State) -> Iterable[Term]:
         measure = half_distance_squared(self.a, self.b)
-        numbers = {"k": self.stiffness, "L": self.length}
+        numbers = {"k": self.stiffness, "L": self.natural_length(start)}
         yield Rows(self.name, measure, self.law, numbers, (STIFFNESS, LENGTH))
+
+    def natural_length(self, start: State) -> float:
+        """Natural length [m] in a scene that starts in a state.  Collective."""
+        assert self.length is not None
+        return self.length
+
+
+@dataclass(frozen=True, eq=False)
+class TensionedConnector(LengthConnector):
+    """A connector that may have a tension at the start of the scene in place of a length."""
+
+    _: KW_ONLY
+    length: LengthOrZero | None = None
+    initial_tension: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            (self.length is None) != (self.initial_tension is None),
+            f"{type(self).__name__} '{self.name}': length is {self.length} and initial_tension is "
+            f"{self.initial_tension}; give one of them.",
+        )
+
+    def natural_length(self, start: State) -> float:
+        if self.initial_tension is None:
+            return super().natural_length(start)
+        return natural_length(
+            f"{type(self).__name__} '{self.name}'",
+            self.a,
+            self.b,
+            stiffness=self.stiffness,
+            tension=self.initial_tension,
+            start=start,
+        )
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Spring(LengthConnector, LineBetween):
+class Spring(TensionedConnector, LineBetween):
     """A linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
 
     Args:
         a, b: ports of bodies; one of them may be a `Ground`.
         stiffness: k [N/m], positive.
         length: L [m], at which the spring is at rest; zero or positive.
+        initial_tension: force [N] in the shape in which the scene starts, in place of a length;
+            negative for compression.
         name: name in messages and output.
 
     Raises:
-        InputError: two points of the ground, a number out of its range.
+        InputError: two points of the ground, a number out of its range, length and tension or none
+            of them; when the scene is compiled: a tension that needs a length below zero.
 
     Example:
         >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
@@ -158,13 +211,12 @@ class Spring(LengthConnector, LineBetween):
         array([[ 0. ,  0. , -1.1]])
     """
 
-    length: LengthOrZero
     name: str = "spring"
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rope(LengthConnector, LineBetween):
+class Rope(TensionedConnector, LineBetween):
     """A rope without mass: it holds two points within its length.
 
     Its tension is k (l - L) where its ends are l > L apart, and zero where they are nearer.
@@ -173,12 +225,14 @@ class Rope(LengthConnector, LineBetween):
         a, b: ports of bodies; one of them may be a `Ground`.
         stiffness: k = EA/L [N/m], positive.
         length: L [m], positive.
+        initial_tension: tension [N] in the shape in which the scene starts, in place of a length;
+            zero or positive.
         damping: c [N s/m], zero or positive.  The tension of a stretched rope is k (l - L) + c
             dl/dt, but never negative.
         name: name in messages and output.
 
     Raises:
-        InputError: two points of the ground, a number out of its range.
+        InputError: as of `Spring`.
 
     Example:
         >>> top = gx.Ground((0.0, 0.0, 0.0))
@@ -186,6 +240,8 @@ class Rope(LengthConnector, LineBetween):
         1.0
     """
 
+    length: Length | None = None
+    initial_tension: Annotated[float, not_negative("N")] | None = None
     damping: DampingOrZero = 0.0
     name: str = "rope"
 
@@ -194,7 +250,8 @@ class Rope(LengthConnector, LineBetween):
     def terms(self, start: State) -> Iterable[Term]:
         yield from super().terms(start)
         if self.damping:
-            yield _rope_damping(self, half_distance_squared(self.a, self.b), self.length, LENGTH)
+            length = self.natural_length(start)
+            yield _rope_damping(self, half_distance_squared(self.a, self.b), length, LENGTH)
 
 
 def _rope_damping(
@@ -344,6 +401,8 @@ class RopeBundle(DrawnAsLines):
         ends: pairs of ports, or of a port and a `Ground`.
         stiffness: k of each [N/m], positive.
         lengths: L of each [m], positive; as many as pairs.
+        initial_tension: tension [N] of each in the shape in which the scene starts, in place of
+            lengths; zero or positive.
         damping: c of each [N s/m], which acts where the rope is stretched; zero or positive.
         name: name in messages and output.
 
@@ -362,13 +421,20 @@ class RopeBundle(DrawnAsLines):
     ends: Sequence[tuple[Attached, Attached]]
     _: KW_ONLY
     stiffness: Stiffness
-    lengths: Sequence[Length]
+    lengths: Sequence[Length] = ()
+    initial_tension: Annotated[float, not_negative("N")] | None = None
     damping: DampingOrZero = 0.0
     name: str = "ropes"
 
     def __post_init__(self) -> None:
         check(
-            bool(len(self.ends)) and len(self.ends) == len(self.lengths),
+            (len(self.lengths) > 0) != (self.initial_tension is not None),
+            f"RopeBundle '{self.name}': it has {len(self.lengths)} lengths and initial_tension is "
+            f"{self.initial_tension}; give one of them.",
+        )
+        check(
+            bool(len(self.ends))
+            and (self.initial_tension is not None or len(self.ends) == len(self.lengths)),
             f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; "
             "give as many of both, and at least one.",
         )
@@ -383,6 +449,23 @@ class RopeBundle(DrawnAsLines):
         for pair in self.ends:
             yield from bodies_of(*pair)
 
+    def _natural(self, start: State) -> Sequence[float]:
+        """Natural lengths [m].  Collective."""
+        if self.initial_tension is None:
+            return self.lengths
+        found = []
+        for a, b in self.ends:
+            length = natural_length(
+                f"RopeBundle '{self.name}'",
+                a,
+                b,
+                stiffness=self.stiffness,
+                tension=self.initial_tension,
+                start=start,
+            )
+            found.append(length)
+        return found
+
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
         """The two ends of each rope."""
@@ -390,7 +473,7 @@ class RopeBundle(DrawnAsLines):
 
     def terms(self, start: State) -> Iterable[Term]:
         # Terms of one name are summed in the energy balance; those of one kind are one array.
-        for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
+        for k, (pair, length) in enumerate(zip(self.ends, self._natural(start), strict=True)):
             measure = half_distance_squared(*pair)
             numbers = {"k": self.stiffness, "L": float(length)}
             parameter = Parameter("lengths", "m", "L", entry=k)

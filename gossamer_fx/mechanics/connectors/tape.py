@@ -7,12 +7,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.laws.tracing import Number
@@ -31,6 +31,8 @@ from gossamer_fx.mechanics.terms.rows import (
     one_sided_average,
     positive_part,
 )
+
+Tension = Annotated[float, not_negative("N")]
 
 EA = Parameter("EA", "N", "EA")
 LENGTH_SCALE = Parameter("length_scale", "", "length_scale", changes_mass=True)
@@ -135,7 +137,13 @@ class Tape(OnBody, DrawnAsLines):
     @staticmethod
     @check_arguments
     def along_edges(
-        body: Membrane, law: BarLaw, *, edges: str, length_factor: float = 1.0, name: str = "tape"
+        body: Membrane,
+        law: BarLaw,
+        *,
+        edges: str,
+        length_factor: float = 1.0,
+        initial_tension: Tension = 0.0,
+        name: str = "tape",
     ) -> Tape:
         """A tape along the edges of the mesh in a named group of curves.  Collective.
 
@@ -145,16 +153,19 @@ class Tape(OnBody, DrawnAsLines):
             edges: name of the group of curves of the film's mesh.
             length_factor: natural length over that of the edges (dimensionless): below 1 for a
                 tendon that is shorter than the seam on which it is.
+            initial_tension: tension [N] on the stress-free shape of the film, in place of a factor;
+                zero or positive.
             name: name in messages and output.
 
         Raises:
-            InputError: the factor is not positive, the mesh has no such group of curves, or the
-                group has no edges.
+            InputError: both are given, the factor is not positive, the mesh has no such group of
+                curves, or the group has no edges.
         """
         check(
             0 < length_factor < math.inf,
             f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
         )
+        length_factor = _factor(law, length_factor, initial_tension, name)
         table = body.mesh.edges
         space = body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
@@ -206,6 +217,7 @@ class Tape(OnBody, DrawnAsLines):
         points: Sequence[Sequence[float]],
         bars_per_segment: int,
         length_factor: float = 1.0,
+        initial_tension: Tension = 0.0,
         name: str = "tape",
     ) -> Tape:
         """A tape through given points of the film's mesh, also between nodes.  Collective.
@@ -216,11 +228,13 @@ class Tape(OnBody, DrawnAsLines):
             points: two or more points (3,) [m] of the mesh.
             bars_per_segment: bars of equal length from each point to the next.
             length_factor: natural length over that of the line (dimensionless).
+            initial_tension: tension [N] on the stress-free shape of the film, in place of a factor;
+                zero or positive.
             name: name in messages and output.
 
         Raises:
-            InputError: the factor is not positive, there are fewer than two points or no bars, or
-                the line leaves the mesh.
+            InputError: both are given, the factor is not positive, there are fewer than two points
+                or no bars, or the line leaves the mesh.
         """
         check(
             0 < length_factor < math.inf,
@@ -230,6 +244,7 @@ class Tape(OnBody, DrawnAsLines):
             len(points) >= 2 and bars_per_segment >= 1,
             f"Tape '{name}' needs two points and one bar at least; give more.",
         )
+        length_factor = _factor(law, length_factor, initial_tension, name)
         corners = np.asarray(points, dtype=float)
         steps = np.arange(bars_per_segment * (len(corners) - 1) + 1) / bars_per_segment
         numbers = np.arange(len(corners))
@@ -278,6 +293,26 @@ class Tape(OnBody, DrawnAsLines):
             (EA, LENGTH_SCALE) if "EA" in numbers else (LENGTH_SCALE,),
             variables=variables,
         )
+
+
+def _factor(law: BarLaw, factor: float, tension: float, name: str) -> float:
+    """Natural length over that of a line on which a tape has a tension [N], or the factor that was
+    given instead."""
+    if not tension:
+        return factor
+    check(
+        factor == 1.0 and isinstance(law, CableLaw),
+        f"Tape '{name}': initial_tension is {tension:g} N with a length_factor of {factor:g} and a "
+        f"{type(law).__name__}; give one of both, the tension with a CableLaw or TensionOnly only.",
+    )
+    assert isinstance(law, CableLaw)
+    ratio = tension / law.EA
+    stretch = 1 + ratio
+    if law.strain == "green":
+        # λ (λ² - 1)/2 = N/EA, whose largest real root is sought.
+        roots = np.roots([0.5, 0.0, -0.5, -ratio])
+        stretch = float(roots[np.abs(roots.imag) < 1e-9].real.max())
+    return 1 / stretch
 
 
 def _row_law(law: BarLaw) -> tuple[RowLaw, dict[str, Any], dict[str, float]]:
