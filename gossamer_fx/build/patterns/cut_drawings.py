@@ -52,7 +52,7 @@ class DrawnText:
 @dataclass(frozen=True, eq=False)
 class OutlinePart:
     """A part of the outline of a panel: name, points (n, 2) [m] counterclockwise, width of the
-    allowance beside it [m], and points (k, 2) [m] of its marks."""
+    allowance at it [m], and points (k, 2) [m] of its marks."""
 
     name: str
     points: Array
@@ -172,7 +172,8 @@ def save_dxf(path: Path, drawing: Sequence[DrawnLine | DrawnText]) -> None:
             text = model.add_text(
                 item.text, height=MILLIMETRES * item.height, dxfattribs=attributes
             )
-            text.set_placement(tuple((MILLIMETRES * item.position).tolist()))
+            x, y = MILLIMETRES * item.position
+            text.set_placement((float(x), float(y)))
     with output_failures(path):
         document.saveas(path)
 

@@ -103,7 +103,7 @@ def read_dxf(
         comm: the ranks to which the mesh is distributed.
         size: length of the edges of triangles [m], > 0.
         scale: metres in a unit of the drawing; None: the drawing says its unit.
-        leave_out: names of layers whose curves and texts are no panels, e.g. seam allowances.
+        leave_out: names of layers whose curves and texts are not read, e.g. seam allowances.
         time_limit: [s] after which gmsh is ended.
 
     Raises:
