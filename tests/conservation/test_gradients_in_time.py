@@ -102,6 +102,22 @@ def rubbing(comm):
     return colliding(comm, steps=24, friction=0.4, slip_velocity=0.05)
 
 
+def rubbing_while_stopping_fast(comm):
+    """A film that turns and meets another one in the first step, faster than the least speed by
+    which the stiffness is chosen."""
+    lower = gx.Membrane(sheet(comm, 4, 4, 0.2, 0.2), gx.Linear(**SOFT), name="lower")
+    upper = gx.Membrane(
+        sheet(comm, 5, 5, 0.2, 0.2),
+        gx.Linear(**SOFT),
+        displacement=lambda X: np.vstack(
+            [0.011 + 0 * X[0], 0.013 + 0 * X[0], 1.15e-3 + 0.005 * X[0]]
+        ),
+        velocity=lambda X: np.vstack([0.5 + 0 * X[0], 3 * X[0], X[1] - 10 - 200 * X[0]]),
+    )
+    contact = gx.Contact(lower, upper, distance=1e-3, friction=0.4, slip_velocity=0.05)
+    return gx.Scene(contact), 5e-5, 4
+
+
 # Contact of a film with a body that rubs.
 RUBS = {"distance": 1e-3, "stiffness": 5e6, "friction": 0.3, "slip_velocity": 0.05}
 
@@ -451,6 +467,7 @@ PARAMETERS = {
     rubbing_while_stopping: (
         "contact.friction, film.thickness, film.initial_velocity, film.initial_position"
     ),
+    rubbing_while_stopping_fast: "film.initial_velocity, film.initial_position",
     rubbing_on_floor: "contact.friction, contact.stiffness, film.E, film.initial_velocity",
     rubbing: "contact.friction, contact.stiffness, film.thickness, film.initial_velocity",
     rubbing_on_a_ball: "contact.friction, a.velocity, a.spin, film.initial_velocity",

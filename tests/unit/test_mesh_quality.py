@@ -292,6 +292,14 @@ def test_a_separate_panel_may_lie_other_side_up(comm):
             ],
             "mass_flow = 2000 kg/s .* g/s",
         ),
+        (
+            lambda: [gx.gas.WallHeat(tank(), 5.0, temperature=20.0)],
+            "'wall': temperature = 20 K .* degrees Celsius",
+        ),
+        (
+            lambda: [gx.Orifice(tank(), gx.gas.Ambient(1e5), area=5.0)],
+            "area = 5 m² .* mm² or cm²",
+        ),
         (lambda: [gx.Gravity(gx.PointMass(1.0), (0.0, 0.0, -9810.0))], "g = 9810 .* mm/s²"),
         (lambda: [gx.Membrane(sheet(WORLD, 2, 2, 1e3, 1e3), LINEAR)], "1.41e.03 m .* millimetres"),
         (lambda: [gx.Plate(sheet(WORLD, 4, 2, 1.0, 0.05), THICK)], "too stiff by .* 1.12"),

@@ -24,6 +24,7 @@ from gossamer_fx.core.laws.tracing import Number, Symbol, root
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.gas.balance import Passage
 from gossamer_fx.mechanics.gas.contract import (
+    USUAL_TEMPERATURE,
     Aperture,
     CompiledWall,
     Discharge,
@@ -170,6 +171,7 @@ class Orifice(PassiveOpening, Discharge):
     laminar: Laminar = 1e-5
     name: str = "orifice"
     coefficient: ClassVar = "discharge_coefficient"
+    USUAL: ClassVar = {"area": (0.0, 1.0, "m²", "is it in mm² or cm²?")}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -269,6 +271,7 @@ class WallHeat(Wall):
     name: str = "wall"
     scalar_unknowns = GasNetwork
     proportional_to: ClassVar = ("conductance", "W/K")
+    USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE}
 
     def requires(self) -> Iterable[Any]:
         yield self.chamber
@@ -558,6 +561,7 @@ class FilmHeat(Wall):
     temperature: Annotated[float, positive("K")] | Callable[[HasSystem], float]
     name: str = "heat through film"
     scalar_unknowns = GasNetwork
+    USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE}
     proportional_to: ClassVar = ("coefficient", "W/(m² K)")
 
     @property
