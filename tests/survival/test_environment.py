@@ -106,3 +106,28 @@ def test_a_file_of_options_is_named_from_where_the_user_stands(tmp_path: Path) -
         tmp_path, ("run", "scene.py", "--quiet"), PETSC_OPTIONS="-options_file options"
     )
     assert code == 0, said
+
+
+def test_a_name_that_is_not_utf8_is_a_name(tmp_path: Path) -> None:
+    """dolfinx reads the words of the command line as UTF-8."""
+    (tmp_path / "scene.py").write_text(SCENE)
+    name = os.fsdecode(b"out\xff")
+    words = ("run", "scene.py", "-o", name)
+    code, said = program(tmp_path, words, PETSC_OPTIONS="-of_the_user")
+    assert code == 0, said
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "gossamer_fx", "report", name],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        timeout=HANG_TIMEOUT,
+    )
+    assert done.returncode == 0, done.stderr
+    # Scripts get the name as it is.
+    assert done.stdout == b"out\xff/report.html\n"
+
+
+def test_a_word_that_is_refused_does_not_control_the_terminal(tmp_path: Path) -> None:
+    code, said = program(tmp_path, ("export", "out", "--every", "\x1b[2J"))
+    assert code == 2 and is_line_of_command(said), said
+    assert "\x1b" not in said

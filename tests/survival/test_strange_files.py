@@ -391,6 +391,15 @@ def with_compressed_array(state: dict[str, Any], folder: Path) -> None:
         archive.writestr("names 0.npy", declared((2**27,)) + bytes(2**27))
 
 
+def with_encrypted_array(state: dict[str, Any], folder: Path) -> None:
+    share = folder / "rank-0000.npz"
+    content = bytearray(share.read_bytes())
+    # The bits of a member in its own head and in the list at the end.
+    for head, place in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        content[content.index(head) + place] |= 1
+    share.write_bytes(content)
+
+
 def with_nan(state: dict[str, Any], folder: Path) -> None:
     with np.load(folder / "rank-0000.npz") as file:
         arrays = dict(file)
@@ -409,7 +418,14 @@ def with_other_time(state: dict[str, Any], folder: Path) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [with_huge_array, with_compressed_array, with_nan, with_other_history, with_other_time],
+    [
+        with_huge_array,
+        with_compressed_array,
+        with_encrypted_array,
+        with_nan,
+        with_other_history,
+        with_other_time,
+    ],
 )
 def test_a_checkpoint_of_a_stranger_is_checked(
     tmp_path: Path, change: Callable[[dict[str, Any], Path], None]
@@ -479,6 +495,23 @@ def test_a_summary_is_a_text(run: Path, tmp_path: Path, summary: Any) -> None:
     about = json.loads((run / "run.json").read_text())
     (run / "run.json").write_text(json.dumps(about | {"summary": summary}))
     assert "'summary' is" in look(run, tmp_path / "out")["report"]
+
+
+@pytest.mark.parametrize("key", ["title", "captions", "fields"])
+def test_a_text_has_a_largest_length(run: Path, tmp_path: Path, key: str) -> None:
+    """matplotlib took minutes to draw it."""
+    long = "x" * 100_000
+    value = {"title": long, "captions": [long], "fields": {long: []}}[key]
+    about = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps(about | {key: value}))
+    said = look(run, tmp_path / "out")
+    assert all("a text of at most 5000 characters" in words for words in said.values()), said
+
+
+def test_a_column_has_a_largest_name(run: Path, tmp_path: Path) -> None:
+    path = run / "probes.csv"
+    path.write_text(path.read_text().replace(",", f",{100_000 * 'x'}", 1))
+    assert "a name of more than 5000 characters" in look(run, tmp_path / "out")["curves"]
 
 
 def test_a_table_has_a_largest_number_of_columns(run: Path, tmp_path: Path) -> None:

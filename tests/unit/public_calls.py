@@ -63,6 +63,12 @@ UNCALLED |= {
     "outputs.Progress",
     "patterns.Gores",
     "patterns.read_dxf",  # needs ezdxf; tests/unit/test_drawings.py
+    "patterns.read_surface",  # needs a file; tests/unit/test_pattern_surfaces.py
+    "patterns.Deviation",
+    "patterns.SeamLine",
+    "patterns.Panels",
+    "patterns.Strips",
+    "patterns.FormSurface",
 }
 
 
@@ -396,6 +402,9 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("connectors.Tether", a=P, b=Q, length=1.0, stiffness=1.0, brake_force=0.1, total_length=2.0)
     add("TensionField", **film_law)
     add("Seam", a=film, edge_a="left", b=film, edge_b="right")
+    square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    add("patterns.height_surface", z=lambda x, y: x * y, outline=square, size=0.5)
+    add("patterns.surface", source=film)
     add("patterns.gores", profile=[[0.0, 0.0], [1.0, 0.5], [0.0, 1.0]], n=4)
     add("TabulatedCable", strain=[0.0, 0.1], force=[0.0, 50.0], line_density=0.1)
     add("TensionOnly", **cable_law)
@@ -626,6 +635,11 @@ def method_calls(inputs: Inputs) -> dict[str, tuple[Callable[..., Any], Call]]:
     marked = gx.Membrane(zigzag.mark(mesh), film.law)
     gores = gx.patterns.gores([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]], 6)
     sewn = gx.Membrane(gores.mesh(WORLD, along=4, across=2), film.law)
+    form = gx.patterns.surface(film)
+    strips = form.cut(form.by_planes([[0.3, 0.0, 0.0]], (1.0, 0.0, 0.0)))
+    panels = strips.flatten(film.law)
+    patches = panels.films(size=0.5)
+    patchwork = gx.Equilibrium(gx.Scene(*patches))
     body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
     section = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)
     beam = gx.Beam(line(WORLD, [(0, 0, 0), (1, 0, 0)], 2), section)
@@ -658,6 +672,15 @@ def method_calls(inputs: Inputs) -> dict[str, tuple[Callable[..., Any], Call]]:
         "gores.mesh": (gores.mesh, {"comm": WORLD, "along": 2, "across": 2}),
         "gores.placed": (gores.placed, {"X": np.zeros((3, 2)), "apart": 0.1}),
         "gores.seams": (gores.seams, {"film": sewn}),
+        "form.closest": (form.closest, {"points": np.zeros((1, 3))}),
+        "form.by_planes": (form.by_planes, {"points": [[0.5, 0.5, 0.0]], "normal": (1, 0, 0)}),
+        "form.along": (form.along, {"points": [[0.2, 0.0, 0.0], [0.3, 1.0, 0.0]]}),
+        "form.cut": (form.cut, {"lines": form.by_planes([[0.5, 0, 0]], (1, 0, 0))}),
+        "strips.flatten": (strips.flatten, {"law": film.law, "tension": 10.0}),
+        "panels.films": (panels.films, {"size": 0.5}),
+        "panels.seams": (panels.seams, {"films": patches}),
+        "panels.cables": (panels.cables, {"films": patches}),
+        "panels.deviation": (panels.deviation, {"films": patches, "at": patchwork}),
         "elements.after": (elements.after, {"t": 1.0, "mu": 1e14}),
         "elements.period": (elements.period, {"mu": 1e14}),
         "elements.state": (elements.state, {"mu": 1e14}),

@@ -62,6 +62,9 @@ FORMAT = 1
 # Largest case file [bytes].  The parser is slow, so that a file of any size would stop the program.
 MAX_FILE_SIZE = 4_000_000
 
+# Parts of a name with points in between.
+_MAX_PARTS = 100
+
 # What a prediction is compared with.
 EVIDENCE = ("experiment", "theory", "program")
 
@@ -365,6 +368,19 @@ def digest_of(model: str, values: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def _parts_of_name(line: str) -> int:
+    """The largest number of words in a line of TOML that follow each other with points in between,
+    without a blank or comma, as the parts of a name do."""
+    most = 0
+    count = 0
+    for word in line.split("."):
+        count += 1
+        most = max(most, count)
+        if re.search(r"[\s,]", word.strip()):
+            count = 0
+    return most
+
+
 def _parsed(path: Path, where: str) -> dict[str, Any]:
     """The data of a TOML file."""
     check(
@@ -376,7 +392,13 @@ def _parsed(path: Path, where: str) -> dict[str, Any]:
         f"{where} has {size} bytes; a case file has at most {MAX_FILE_SIZE}.",
     )
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        # Python takes minutes for a name of thousands of parts.
+        check(
+            all(_parts_of_name(line) <= _MAX_PARTS for line in text.splitlines()),
+            f"{where} has a name of more than {_MAX_PARTS} parts; a case file has three levels.",
+        )
+        return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         # Further lines of the parser show parts of the file, which may be long.
         words = str(error).splitlines()[0]

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from gossamer_fx.core.checks.shown import shown
 from gossamer_fx.version import VERSION
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message with the name of the command, and exit with the code 2."""
-        self.exit(2, f"gossamer: {message}; see {self.prog} --help.\n")
+        self.exit(2, f"gossamer: {shown(message)}; see {self.prog} --help.\n")
 
 
 def main(words: Sequence[str]) -> int:
@@ -498,7 +499,8 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
             print(f"gossamer: go on with: {command}", file=sys.stderr, flush=True)
         raise
     if comm.rank == 0 and not wanted.quiet:
-        print(f"written to {folder}; look at it with: ./gossamer report {folder}")
+        name = shown(str(folder))
+        print(f"written to {name}; look at it with: ./gossamer report {name}")
 
 
 def _compute(
@@ -532,7 +534,8 @@ def _compute(
         for name, value in numbers.items():
             if not name.endswith((" smallest", " largest")):
                 print(f"  {name}: {value:.6g}")
-        print(f"written to {folder}; look at it with: ./gossamer report {folder}")
+        name = shown(str(folder))
+        print(f"written to {name}; look at it with: ./gossamer report {name}")
 
 
 def _show(case: Case, comm: MPI.Intracomm, restart: Path | None, changes: list[str]) -> None:
@@ -812,10 +815,21 @@ def _export(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.records.plot.vtk_export import export
 
     run = RunReader(wanted.run)
-    print(export(run, wanted.output or wanted.run / "vtu", every=wanted.every))
+    _print_path(export(run, wanted.output or wanted.run / "vtu", every=wanted.every))
 
 
 def _write_and_print(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a file, and print its path, which scripts can read."""
+    """Write a file, and print its path."""
     write(path)
-    print(path)
+    _print_path(path)
+
+
+def _print_path(path: Path) -> None:
+    """Print a path, which scripts can read; a terminal gets no characters that control it."""
+    if sys.stdout.isatty():
+        print(shown(str(path)))
+        return
+    # A name may have bytes that are not UTF-8.
+    sys.stdout.flush()
+    sys.stdout.buffer.write(os.fsencode(path) + b"\n")
+    sys.stdout.buffer.flush()

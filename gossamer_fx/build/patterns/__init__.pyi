@@ -1,3 +1,11 @@
 from .drawings import read_dxf as read_dxf
+from .flat_panels import Deviation as Deviation
+from .flat_panels import Panels as Panels
 from .panels import Gores as Gores
 from .panels import gores as gores
+from .seam_lines import SeamLine as SeamLine
+from .strips import Strips as Strips
+from .surfaces import FormSurface as FormSurface
+from .surfaces import height_surface as height_surface
+from .surfaces import read_surface as read_surface
+from .surfaces import surface as surface

@@ -55,7 +55,7 @@ _EMPTY = Path(__file__).resolve().parent
 _OPTION_FILES = ("-options_file", "-options_file_yaml")
 
 # What PETSc writes about an error: the words of it between these lines.
-_PETSC_WORDS = re.compile(r"Error Message -+\n(.*?)\[\d+\]PETSC ERROR: See ", re.DOTALL)
+_PETSC_WORDS = r"Error Message -+\n(.*?)\[\d+\]PETSC ERROR: See "
 
 # Descriptors of the folders that `_elsewhere` has left, one within the other: the first one is that
 # in which the user stands.
@@ -114,6 +114,27 @@ def _refuse(words: str, error: Exception) -> NoReturn:
     raise refusal from error
 
 
+@contextmanager
+def _readable_words() -> Iterator[None]:
+    """Context in which `sys.argv` has no word that is not UTF-8, as a name of a file may be:
+    dolfinx reads its options there, and breaks off at such a word."""
+    words = sys.argv
+    sys.argv = [word for word in words if word.isascii() or _has_utf8(word)]
+    try:
+        yield
+    finally:
+        sys.argv = words
+
+
+def _has_utf8(word: str) -> bool:
+    """Whether a word of the command line can be written in UTF-8."""
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _start_petsc(module: ModuleType) -> None:
     """Start PETSc before the module does, without option files that nobody has named.
 
@@ -137,7 +158,7 @@ def _start_petsc(module: ModuleType) -> None:
                 # The first word is the name of the program.
                 library._initialize(["gossamer_fx", "-skip_petscrc"])
         except RuntimeError as error:
-            found = _PETSC_WORDS.search("".join(said))
+            found = re.search(_PETSC_WORDS, "".join(said), re.DOTALL)
             words = str(error)
             if found is not None:
                 words = " ".join(re.sub(r"\[\d+\]PETSC ERROR:", " ", found[1]).split())
@@ -343,7 +364,7 @@ class _GuardedLoader(Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Execute the module."""
-        with _elsewhere(), loading():
+        with _elsewhere(), loading(), _readable_words():
             self._before(module)
             try:
                 self._loader.exec_module(module)

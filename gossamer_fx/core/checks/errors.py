@@ -20,6 +20,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.shown import shown
+
 # Kinds of NumPy's types that are real numbers: truth values, whole numbers and floating-point
 # numbers.
 REAL_KINDS = "biuf"
@@ -97,13 +99,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        characters = []
-        for character in message:
-            if not character.isprintable():
-                # The escape sequence, such as \n, without the quotes.
-                character = ascii(character)[1:-1]
-            characters.append(character)
-        super().__init__("".join(characters))
+        super().__init__(shown(message))
 
 
 class StepFailure(RuntimeError):

@@ -206,7 +206,12 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
         # As of a function that was typed in or made by a program, or whose file was changed since.
         known["source"] = None
     read = inspect.getclosurevars(function)
-    for outside, value in {**read.globals, **read.nonlocals}.items():
+    taken = dict(read.nonlocals)
+    # What a function of this package reads in its module is known by the version; it may be another
+    # number in each process, e.g. that of an attribute of MPI.
+    if not (function.__module__ or "").startswith("gossamer_fx."):
+        taken = {**read.globals, **taken}
+    for outside, value in taken.items():
         # Modules and classes are known by their names, and the communicator may differ.
         if isinstance(value, ModuleType | type | MPI.Comm):
             continue

@@ -188,6 +188,9 @@ _REMEDY = "write the run again, or put back a copy of the file."
 # Larger integers do not fit into the arrays of NumPy.
 _MAX_INTEGER = 2**63
 
+# Characters of a text, which is drawn or shown: matplotlib takes minutes for a million.
+_MAX_TEXT = 5000
+
 # Characters of a value in a message: the file may contain a text of any length.
 _MAX_SHOWN = 60
 
@@ -316,6 +319,7 @@ def check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
         if str in kind:
             for name, inner in value.items():
+                check_kind(path, f"a name in {where}", name, str)
                 check_kind(path, f"{where} of {name!r}", inner, kind[str])
             return
         for key, inner in kind.items():
@@ -339,14 +343,20 @@ def check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
             is_large = isinstance(value, int) and abs(value) >= _MAX_INTEGER
             fits = fits and not isinstance(value, bool) and not is_large
         _refuse_unless(fits, path, where, value, _WORDS[kind])
+        is_long = kind is str and len(value) > _MAX_TEXT
+        words = f"a text of at most {_MAX_TEXT} characters"
+        _refuse_unless(not is_long, path, where, value, words)
 
 
 def _refuse_unless(right: bool, path: Path, where: str, value: Any, expected: str) -> None:
     """Raise `InputError` unless a value of a run.json is right."""
+    if right:
+        return
+    # Only then, as a value may be a list of a million points.
     shown = repr(value)
     if len(shown) > _MAX_SHOWN:
         shown = f"{shown[:_MAX_SHOWN]}..."
-    check(right, f"'{path}': {where} is {shown}, but must be {expected}; {_REMEDY}")
+    raise InputError(f"'{path}': {where} is {shown}, but must be {expected}; {_REMEDY}")
 
 
 # Characters of a name that are kept: file systems allow 255 bytes, and endings are added.

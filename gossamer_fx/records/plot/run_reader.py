@@ -45,6 +45,8 @@ _REQUIRED = {"ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissip
 _FINE = 12000
 # Columns of a table: 50 000 ropes have six each.
 _MAX_COLUMNS = 300_000
+# Characters of the name of a column, which is drawn.
+_MAX_NAME = 5000
 _TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
 _LINE_PARTS = 6  # numbers of a line in lines.csv: its two ends
 _VECTOR_PARTS = 12  # numbers of a pose in solids.csv: origin and three axes
@@ -534,6 +536,8 @@ def _numbers_of(file: TextIO) -> tuple[list[str], Array]:
     head = [plain_cell(cell) for cell in next(rows, [])]
     if len(head) > _MAX_COLUMNS:
         raise ValueError(f"it has {len(head)} columns, more than {_MAX_COLUMNS}")
+    if any(len(name) > _MAX_NAME for name in head):
+        raise ValueError(f"a column has a name of more than {_MAX_NAME} characters")
     # Numbers only, as the words of all rows would take many times the bytes of the file.
     numbers = array("d")
     incomplete = 0

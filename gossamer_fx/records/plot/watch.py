@@ -300,9 +300,15 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers one request: GET /TOKEN/WORDS."""
+    """Answers one request: GET /TOKEN/WORDS.
+
+    The token alone keeps other pages of the browser out, also those that take the name of another
+    host for this machine.
+    """
 
     server: _Server
+    # Seconds for a request, so that one that never ends holds no thread for ever.
+    timeout = 30.0
 
     def setup(self) -> None:
         """Collect the answer, so that it is sent at once."""

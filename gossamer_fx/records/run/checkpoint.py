@@ -404,6 +404,9 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
 # Number of the format; it changes with the contents of the files.
 FORMAT = 10
 
+# Of the bits that describe a member of a zip file: its bytes are encrypted.
+_ENCRYPTED = 1
+
 # A file is summed in blocks of this many bytes, so that its size does not matter.
 CHECKSUM_BLOCK = 1 << 20
 
@@ -953,7 +956,10 @@ def _read_arrays(share: Path) -> dict[str, Any]:
         size = os.fstat(file.fileno()).st_size
         members = archive.infolist()
         # A run stores arrays as they are; the bytes of one may not stand for several.
-        is_plain = all(member.compress_type == zipfile.ZIP_STORED for member in members)
+        is_plain = all(
+            member.compress_type == zipfile.ZIP_STORED and not member.flag_bits & _ENCRYPTED
+            for member in members
+        )
         if not is_plain or sum(member.file_size for member in members) > size:
             raise ValueError(f"{share.name} claims to be larger than it is")
         for member in members:

@@ -1,0 +1,238 @@
+"""Surfaces of cut patterns, lines on them, and strips between the lines."""
+
+from __future__ import annotations
+
+import gmsh
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
+from tests.pattern_shapes import CYLINDER, grid, surface_of
+
+
+def test_closest_points_of_a_square_are_the_clipped_ones():
+    """On a graded mesh, whose triangles have very different sizes."""
+    form = surface_of(lambda u, v: (u**4, v**3, 0 * u), 12, 9)
+    given = np.random.default_rng(0).normal(loc=(0.5, 0.5, 0.0), size=(300, 3))
+    exact = np.clip(given, [0, 0, 0], [1, 1, 0])
+    on = form.closest(given)
+    assert on.points == pytest.approx(exact, abs=1e-12)
+    assert on.distance == pytest.approx(np.linalg.norm(given - exact, axis=1))
+    corners = form.points[form.triangles[on.triangle]]
+    assert np.einsum("nk,nkc->nc", on.weights, corners) == pytest.approx(exact, abs=1e-12)
+
+
+@pytest.mark.mpi
+def test_the_surface_of_a_mesh_is_the_mesh_on_any_number_of_ranks(comm):
+    mesh = sheet(comm, 4, 3, 2.0, 1.5)
+    form = gx.patterns.surface(mesh)
+    assert form.area == pytest.approx(3.0)
+    assert len(form.triangles) == 24 and len(form.points) == 20
+    assert set(form.groups) == {*EDGES, *CORNERS}
+    assert form.points[form.groups["top right"]].ravel() == pytest.approx([2.0, 1.5, 0.0])
+    assert form.points[form.groups["left"]][:, :, 0] == pytest.approx(0.0)
+    film = gx.Membrane(
+        mesh,
+        gx.Linear(1e7, 0.3, density=1e3, thickness=1e-4),
+        order=2,
+        displacement=lambda X: np.stack([0 * X[0], 0 * X[0], X[0] / 2]),
+    )
+    state = gx.Equilibrium(gx.Scene(film, gx.Fixed(film, "left")))
+    moved = gx.patterns.surface(film, at=state)
+    assert moved.points == pytest.approx(form.points + [0, 0, 0.5] * form.points[:, :1])
+
+
+def test_the_surface_of_a_height_has_it():
+    corners = [(-1.0, 0.0), (1.0, 0.0), (1.0, 2.0), (-1.0, 2.0)]
+    form = gx.patterns.height_surface(lambda x, y: x * y, outline=corners, size=0.3)
+    x, y, z = form.points.T
+    assert z == pytest.approx(x * y)
+    assert form.points[form.groups["corner 2"]].ravel() == pytest.approx([1.0, 0.0, 0.0])
+    assert form.points[form.groups["rim 2"]][:, :, 0] == pytest.approx(1.0)
+
+
+def write_dome(path, metres):
+    """A sphere of a radius of one unit, of so many metres, as CAD would write it."""
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addSphere(0, 0, 0, 1 / metres)
+        gmsh.model.occ.synchronize()
+        if path.suffix == ".stl":
+            gmsh.option.setNumber("Mesh.MeshSizeMax", 0.2 / metres)
+            gmsh.model.mesh.generate(2)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+
+
+@pytest.mark.parametrize("name", ["ball.stl", "ball.step"])
+def test_files_give_surfaces_in_metres(tmp_path, name):
+    path = tmp_path / name
+    write_dome(path, 1e-3)
+    form = gx.patterns.read_surface(path, scale=1e-3, size=None if name.endswith("stl") else 0.2)
+    assert np.linalg.norm(form.points, axis=1) == pytest.approx(1.0, abs=1e-6)
+    # The chords of triangles of 0.2 m take 1 % of the area.
+    assert form.area == pytest.approx(4 * np.pi, rel=0.02)
+    assert np.einsum("nc,nc->n", form.normals, form.points[form.triangles[:, 0]]).min() > 0.9
+
+
+REFUSED = {
+    "no triangles": (([[0, 0, 0]], np.zeros((0, 3), dtype=int)), "no triangles"),
+    "words": (([["a", "b", "c"]], [[0, 0, 0]]), "give a tuple of numbers"),
+    "points in a plane": (([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]), "points are not rows"),
+    "floats": (([[0, 0, 0]] * 3, [[0.0, 1.0, 2.0]]), "give integers"),
+    "a number too large": (([[0, 0, 0]] * 3, [[0, 1, 3]]), "none of the 3 points"),
+    "no area": (([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]), "no area"),
+    "a branch": (
+        (
+            [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]],
+            [[0, 1, 2], [0, 1, 3], [0, 1, 4]],
+        ),
+        "3 triangles meet",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_not_a_surface_is_refused(case):
+    source, words = REFUSED[case]
+    with pytest.raises(gx.InputError, match=words):
+        gx.patterns.surface(source)
+
+
+def test_files_that_are_none_are_refused(tmp_path):
+    with pytest.raises(gx.InputError, match="There is no file"):
+        gx.patterns.read_surface(tmp_path / "none.stl")
+    with pytest.raises(gx.InputError, match="give size"):
+        gx.patterns.read_surface(tmp_path / "none.step")
+    with pytest.raises(gx.InputError, match="ends in"):
+        gx.patterns.read_surface(tmp_path / "none.txt")
+    (tmp_path / "bad.stl").write_text("solid\nfacet normal a b c")
+    with pytest.raises(gx.InputError):
+        gx.patterns.read_surface(tmp_path / "bad.stl")
+
+
+def test_a_strip_with_one_side_is_refused():
+    """A Möbius strip of 12 quadrilaterals."""
+    angle = 2 * np.pi * np.arange(12) / 12
+    points = []
+    for a in angle:
+        for side in (-0.2, 0.2):
+            r = 1 + side * np.cos(a / 2)
+            points.append((r * np.cos(a), r * np.sin(a), side * np.sin(a / 2)))
+    triangles = []
+    for k in range(11):
+        triangles += [(2 * k, 2 * k + 2, 2 * k + 1), (2 * k + 1, 2 * k + 2, 2 * k + 3)]
+    triangles += [(22, 1, 23), (23, 1, 0)]
+    with pytest.raises(gx.InputError, match="one side"):
+        gx.patterns.surface((points, triangles))
+
+
+def test_a_plane_across_a_cylinder_cuts_its_polygon():
+    """Half a cylinder of 40 facets: its sections are half polygons, at any height."""
+    form = surface_of(CYLINDER, 40, 20)
+    exact = 40 * 2 * np.sin(np.pi / 80)
+    lines = form.by_planes([[0, 0, z] for z in (0.22, 0.5, 0.77)], (0, 0, 1))
+    assert [line.length for line in lines] == pytest.approx([exact] * 3)
+    # z = 0.5 goes along sides of triangles.
+    assert np.abs(lines[1].points[:, 2] - 0.5).max() < 1e-15
+    # Along (normal of the plane) × (normal outwards): against the direction of the clock
+    assert lines[0].points[0] == pytest.approx([1.0, 0.0, 0.22])
+
+
+def test_a_plane_cuts_a_closed_surface_in_a_closed_line():
+    form = surface_of(lambda u, v: (np.cos(6.0 * u), np.sin(6.0 * u), v), 40, 10)
+    lines = form.by_planes([[0.0, 0.5, 0.0]], (0, 1, 0))
+    assert len(lines) == 2
+    assert [line.length for line in lines] == pytest.approx([1.0, 1.0])
+
+
+def test_a_line_through_points_of_a_plane_is_straight():
+    points, triangles = grid(lambda u, v: (u, 0.7 * v, 0 * u), 13, 7)
+    form = gx.patterns.surface((points, triangles))
+    ends = np.array([[0.013, 0.31, 0.0], [0.47, 0.11, 0.0], [0.91, 0.632, 0.0]])
+    line = form.along(ends)
+    steps = np.diff(ends, axis=0)
+    assert line.length == pytest.approx(np.linalg.norm(steps, axis=1).sum(), rel=1e-12)
+    # From corner to corner it goes along sides and through corners.
+    assert form.along([[0, 0, 0], [1, 0, 0], [1, 0.7, 0]]).length == pytest.approx(1.7)
+    assert form.along([[0, 0, 0], [1, 0.7, 0]]).length == pytest.approx(np.hypot(1, 0.7))
+
+
+def test_lines_off_the_surface_are_refused():
+    form = surface_of(CYLINDER, 8, 4)
+    with pytest.raises(gx.InputError, match="point 2 is"):
+        form.along([[1, 0, 0], [0, 2, 0]])
+    with pytest.raises(gx.InputError, match="all points are one"):
+        form.along([[1, 0, 0], [1, 0, 0]])
+    with pytest.raises(gx.InputError, match="plane 1 does not cut"):
+        form.by_planes([[0, 0, 5.0]], (0, 0, 1))
+    with pytest.raises(gx.InputError, match="not zero"):
+        form.by_planes([[0, 0, 0.5]], (0, 0, 0))
+
+
+def side_lengths(mesh, points):
+    return np.linalg.norm(np.diff(mesh.points[points], axis=0), axis=1)
+
+
+def test_a_cut_keeps_area_and_gives_both_sides_the_same_points():
+    form = surface_of(CYLINDER, 12, 9)
+    lines = form.by_planes([[0, 0, 0.4], [0, 0, 0.65]], (0.3, 0.1, 1))
+    strips = form.cut(lines)
+    assert len(strips) == 3
+    assert sum(strip.area for strip in strips) == pytest.approx(form.area, rel=1e-12)
+    mesh = strips.mesh
+    for seam, line in zip(strips.seams, lines, strict=True):
+        assert seam.strips == (seam.number + 1, seam.number)
+        assert np.array_equal(mesh.points[seam.left], mesh.points[seam.right])
+        assert not set(seam.left) & set(seam.right)
+        assert side_lengths(mesh, seam.left).sum() == pytest.approx(line.length)
+    # From below: the strip at z = 0 is the first.
+    assert strips[0].points[:, 2].min() == 0
+    assert {"seam 0", "seam 1"} <= set(strips[1].groups)
+
+
+def test_lines_may_cross_each_other_and_end_inside():
+    points, triangles = grid(lambda u, v: (u, v, 0 * u), 6, 5)
+    form = gx.patterns.surface((points, triangles))
+    across = form.by_planes([[0.37, 0, 0]], (1, 0, 0)) + form.by_planes([[0, 0.53, 0]], (0, 1, 0))
+    strips = form.cut(across)
+    assert sorted(strip.area for strip in strips) == pytest.approx(
+        sorted([0.37 * 0.53, 0.37 * 0.47, 0.63 * 0.53, 0.63 * 0.47])
+    )
+    assert len(strips.seams) == 4
+    slit = form.cut([form.along([[0.2, 0.31, 0], [0.7, 0.62, 0]])])
+    assert len(slit) == 1 and slit[0].area == pytest.approx(1.0)
+    (seam,) = slit.seams
+    assert seam.names == ("seam 0 left", "seam 0 right")
+    # The ends of a slit are not cut.
+    assert seam.left[0] == seam.right[0] and seam.left[-1] == seam.right[-1]
+    assert not set(seam.left[1:-1]) & set(seam.right[1:-1])
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e-3, 1e-5, 1e-7, 1e-10])
+def test_lines_near_corners_of_triangles_are_cut_and_laid_flat(shift):
+    """The triangles are thin by the distance of the line, or the line goes through the corner."""
+    form = surface_of(lambda u, v: (u, v, 0 * u), 10, 10)
+    strips = form.cut([form.along([[0.5 + shift, 0, 0], [0.5 - shift, 1, 0]])])
+    assert [strip.area for strip in strips] == pytest.approx([0.5, 0.5], abs=1e-6)
+    assert sum(strip.area for strip in strips) == pytest.approx(1.0, rel=1e-12)
+    for strip in strips:
+        assert strip.normals[:, 2].min() > 0.999
+    panels = strips.flatten(gx.Linear(1e7, 0.3, density=1e3, thickness=1e-4))
+    for panel, strip in zip(panels, strips, strict=True):
+        assert panel.area == pytest.approx(strip.area, rel=1e-9)
+
+
+def test_named_rims_are_kept_and_others_end_at_corners(comm):
+    strips = gx.patterns.surface(sheet(comm, 4, 4)).cut(
+        gx.patterns.surface(sheet(comm, 4, 4)).by_planes([[0.3, 0, 0]], (1, 0, 0))
+    )
+    assert set(strips[0].groups) == {"bottom", "left", "top", "seam 0", "bottom left", "top left"}
+    points, triangles = grid(lambda u, v: (u, v, 0 * u), 3, 3)
+    plain = gx.patterns.surface((points, triangles))
+    left, right = plain.cut(plain.by_planes([[0.3, 0, 0]], (1, 0, 0)))
+    names = {name for name in {**left.groups, **right.groups} if name.startswith("rim")}
+    assert names == {"rim 1", "rim 2", "rim 3", "rim 4"}
