@@ -341,3 +341,12 @@ def test_contact_starts_from_layers_that_meet_at_folds() -> None:
     contact = gx.Contact(film, distance=2e-4)
     run = gx.Simulation(gx.Scene(film, contact, fold.start(film)), gx.Midpoint(dt=1e-5))
     assert gx.probes.Penetrations(contact)(run) == gx.probes.Crossings(film)(run) == 0
+
+
+@pytest.mark.parametrize("bends", range(5, 120, 7))
+def test_a_roll_is_taken_at_its_documented_limit(bends):
+    """Rows that are apart by two thirds of the radius, but for round-off."""
+    spacing = 0.5 / (bends + 1)
+    gx.fold.Roll(0.5, bends, radius=1.5 * spacing)
+    with pytest.raises(gx.InputError, match="do not go round a radius"):
+        gx.fold.Roll(0.5, bends, radius=1.499 * spacing)

@@ -178,6 +178,21 @@ def test_a_scene_is_swept_and_only_new_runs_are_made(tmp_path: Path) -> None:
 
 
 @alone
+def test_arguments_that_are_not_varied_are_given_as_of_run(tmp_path: Path) -> None:
+    for words in (["height=1,2"], ["height=1,2", "--list"]):
+        done = command(tmp_path, "ball.py", "speed=0.5", "--over", *words)
+        assert done.returncode == 0, done.stderr
+        rows = list(csv.DictReader((tmp_path / "out" / "ball_sweep" / "runs.csv").open()))
+        assert [row["speed"] for row in rows] == ["0.5", "0.5"]
+    for words, said in (
+        (("ball.py", "speed=1", "--over", "speed=1,2"), "speed is given twice, by 'speed=1'"),
+        (("ball.py", "speed=1"), "NAME=VALUE gives arguments that are not varied; vary others"),
+    ):
+        refused = command(tmp_path, *words)
+        assert refused.returncode == 2 and said in refused.stderr, refused.stderr
+
+
+@alone
 def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     done = command(tmp_path, "ball.py", "--over", "height=1")
     assert done.returncode == 0, done.stderr

@@ -13,6 +13,10 @@ from gossamer_fx.analysis.sensitivity.variables import Variable
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
 
+# Lines that a gradient is printed in, and numbers of a derivative in one of them.
+MAX_LINES = 5
+MAX_NUMBERS = 6
+
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,7 @@ class Derivative:
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Gradient:
     """A result and its derivatives.
 
@@ -72,8 +76,9 @@ class Gradient:
     Example:
         >>> by_length = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
         >>> found = gx.analysis.Gradient(-1.1, "m", (by_length,))
-        >>> found["spring.length"].values
-        array([-1.])
+        >>> print(found)
+        -1.1 m
+        by spring.length: -1 m/m
     """
 
     value: float
@@ -92,6 +97,28 @@ class Gradient:
 
     def __iter__(self) -> Iterator[Derivative]:
         return iter(self.derivatives)
+
+    def __str__(self) -> str:
+        """The value and the derivatives, in at most five lines; of long arrays the largest entry of
+        this rank."""
+        lines = [f"{self.value:.6g} {self.unit}".rstrip()]
+        shown = self.derivatives[: MAX_LINES - 1]
+        if len(self.derivatives) >= MAX_LINES:
+            shown = self.derivatives[: MAX_LINES - 2]
+        for one in shown:
+            words = ", ".join(f"{value:.6g}" for value in one.values[:MAX_NUMBERS])
+            if len(one.values) > MAX_NUMBERS:
+                largest = float(np.abs(one.values).max())
+                words = f"{len(one.values)} values up to {largest:.4g}"
+            lines.append(f"by {one.name}: {words} {one.unit}".rstrip())
+        more = len(self.derivatives) - len(shown)
+        if more:
+            lines.append(
+                f"and {more} more: {', '.join(one.name for one in self.derivatives[-more:])}"
+            )
+        return "\n".join(lines)
+
+    __repr__ = __str__
 
 
 def collected(

@@ -307,6 +307,12 @@ def _parser() -> argparse.ArgumentParser:
         help="a scene file, with --over; or a file with a Factorial named SWEEP",
     )
     sweep.add_argument(
+        "options",
+        nargs="*",
+        metavar="NAME=VALUE",
+        help="further arguments of build, the same in all runs, as of run; before --over",
+    )
+    sweep.add_argument(
         "--over",
         nargs="+",
         metavar="NAME=VALUE,VALUE",
@@ -666,6 +672,10 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         not wanted.list or bool(wanted.over),
         "--list says how the values of --over belong together; give --over NAME=VALUE,VALUE.",
     )
+    check(
+        not wanted.options or bool(wanted.over),
+        "NAME=VALUE gives arguments that are not varied; vary others by --over NAME=VALUE,VALUE.",
+    )
     folder: Path = wanted.output or Path("out") / path.stem
     module = guarded(comm, path, wanted.debug, lambda: load(path))
     if wanted.over:
@@ -701,7 +711,14 @@ def _scene_sweep(wanted: argparse.Namespace, module: ModuleType) -> object:
     def progress(line: str) -> None:
         print(f"gossamer: {line}", file=sys.stderr, flush=True)
 
-    return scene_sweep(build, wanted.design, wanted.over, wanted.list, progress)
+    return scene_sweep(
+        build,
+        wanted.design,
+        wanted.over,
+        fixed=wanted.options,
+        listed=wanted.list,
+        progress=progress,
+    )
 
 
 # ---- plot and report -----------------------------------------------------------------------------

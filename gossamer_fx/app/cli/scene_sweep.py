@@ -94,6 +94,8 @@ def scene_sweep(
     build: Build,
     path: Path,
     words: Sequence[str],
+    *,
+    fixed: Sequence[str],
     listed: bool,
     progress: Callable[[str], None],
 ) -> Factorial:
@@ -103,6 +105,7 @@ def scene_sweep(
         build: the function of the scene file.
         path: of the scene file.
         words: NAME=VALUE,VALUE for each argument that is varied.
+        fixed: NAME=VALUE for arguments that are the same in all runs.
         listed: whether the values belong together one by one; else all combinations are run.
         progress: called with a line when a run begins.
 
@@ -113,6 +116,11 @@ def scene_sweep(
         InputError: words of another form, unknown arguments, or values that make no sweep.
     """
     over = values_of(words)
+    count = max(len(values) for values in over.values()) if listed else 1
+    for word in fixed:
+        name, value = option(word)
+        check(name not in over, f"{name} is given twice, by '{word}'; give it once.")
+        over[name] = [value] * count
     given = [(name, value) for name, values in over.items() for value in values]
     check_arguments_of(build, path, given)
     return Factorial(CaseRuns(build, progress), over, listed=listed)

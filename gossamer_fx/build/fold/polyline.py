@@ -133,6 +133,9 @@ class Strip(FoldMap):
 # Most panels: beyond a million a film of one metre has folds of a micrometre.
 MAX_FOLDS = 10**6
 
+# Excess of a distance over its limit that is round-off of the distance.
+ROUND_OFF = 1e-12
+
 
 @check_arguments
 @dataclass(frozen=True)
@@ -287,7 +290,7 @@ class Roll(Strip):
         spacing = float(np.diff(self._rows).max())
         # A row turns by 2 asin(spacing/2r): at two thirds of the radius that is 39°, 9 rows a turn.
         self._check(
-            spacing <= 2 * self.radius / 3,
+            spacing <= (1 + ROUND_OFF) * 2 * self.radius / 3,
             f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; "
             "give more bends or a larger radius.",
         )
