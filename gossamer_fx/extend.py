@@ -42,7 +42,8 @@ Gas
 Steppers
     `Stepper`, `StepSolver`, `StressRule`
 Runs
-    `StateView`, `HasSystem`, `Output`, `Probe`
+    `StateView`, `HasSystem`, `Output`, `Probe`, and `Objective`, the base of results with
+    derivatives
 Studies
     `CaseSet` of cases that are run, kept and judged: `run_cases`, `Result`, `Judgement`, `verdict`,
     `changes` against stored results, `read_results`, `write_results`; `recorded_warnings`

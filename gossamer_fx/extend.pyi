@@ -130,6 +130,7 @@ from .records.fields.fields import FieldFunctions as FieldFunctions
 from .records.fields.film_states import AreaFractions as AreaFractions
 from .records.outputs.output import Output as Output
 from .records.outputs.output import Probe as Probe
+from .records.probes.objective import Objective as Objective
 from .solve.solvers.newton import Newton as Newton
 from .solve.steppers.stepping import Stepper as Stepper
 from .solve.steppers.stepping import StepSolver as StepSolver

@@ -88,7 +88,7 @@ class Faces(Obstacle):
 
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
         pairs = {tuple(sorted(pair)) for t in self.triangles for pair in combinations(t, 2)}
-        corners = tuple(self._at(point) for point in self.points)
+        corners = tuple(self.fixed_point(point) for point in self.points)
         return [], [ObstacleSolid(corners, tuple(sorted(pairs)), self.triangles)]
 
 

@@ -1,17 +1,30 @@
 /* A linear system as a unit for co-simulation, FMI 2.0: dz/dt = A z + B u, y = y_rest + C z + D u.
    Inputs are held during a step, which is then exact: z1 = exp(A h) z0 + integral of exp(A s) B u.
-   Names between @ are filled in by state_space.py. */
+   state_space.py puts the numbers of a structure before this file; those below are of a mass on a
+   spring. */
+#ifndef STATES
+#define STATES 2
+#define INPUTS 1
+#define OUTPUTS 1
+#define A_VALUES {0, 1, -1, 0}
+#define B_VALUES {0, 1}
+#define C_VALUES {1, 0}
+#define D_VALUES {0}
+#define REST_VALUES {0}
+#define GUID ""
+#endif
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { N = @STATES@, M = @INPUTS@, K = @OUTPUTS@, S = N + M };
+enum { N = STATES, M = INPUTS, K = OUTPUTS, S = N + M };
 
-static const double A[] = @A_VALUES@;
-static const double B[] = @B_VALUES@;
-static const double C[] = @C_VALUES@;
-static const double D[] = @D_VALUES@;
-static const double rest[] = @REST_VALUES@;
+static const double A[] = A_VALUES;
+static const double B[] = B_VALUES;
+static const double C[] = C_VALUES;
+static const double D[] = D_VALUES;
+static const double rest[] = REST_VALUES;
 
 /* Types of the interface. */
 typedef void *component;
@@ -90,7 +103,7 @@ component fmi2Instantiate(const char *name, int type, const char *guid, const ch
 {
     (void)name, (void)resources, (void)functions, (void)visible, (void)logging;
     /* 1 is co-simulation. */
-    if (type != 1 || !guid || strcmp(guid, "@GUID@")) return NULL;
+    if (type != 1 || !guid || strcmp(guid, GUID)) return NULL;
     return calloc(1, sizeof(unit));
 }
 

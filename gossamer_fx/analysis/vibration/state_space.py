@@ -50,8 +50,8 @@ from gossamer_fx.core.laws.law import build_library
 from gossamer_fx.core.model.body import Array, Vector
 from gossamer_fx.version import VERSION
 
-# The C code of a unit, whose numbers are filled in.
-TEMPLATE = Path(__file__).parent / "fmu.c"
+# The C code of a unit, before which its numbers are defined.
+SOURCE = Path(__file__).parent / "fmu.c"
 
 
 @check_arguments
@@ -145,7 +145,7 @@ class StateSpace:
         path = Path(path)
         check(path.suffix == ".fmu", f"StateSpace: '{path}' is to be a unit; let it end in '.fmu'.")
         identifier = "gossamer_" + (re.sub(r"\W", "_", path.stem) or "unit")
-        text = self._c_text(identifier)
+        text = self._c_text()
         with tempfile.TemporaryDirectory() as folder:
             library = Path(folder) / f"{identifier}.so"
             build_library(text, library, ("-fPIC", "-O2"))
@@ -160,7 +160,7 @@ class StateSpace:
         numbers = b"".join(np.ascontiguousarray(array, dtype=float).tobytes() for array in arrays)
         return hashlib.sha256(numbers + repr((self.inputs, self.outputs)).encode()).hexdigest()[:32]
 
-    def _c_text(self, identifier: str) -> str:
+    def _c_text(self) -> str:
         """The C code of the unit."""
 
         def numbers(array: Array) -> str:
@@ -168,22 +168,19 @@ class StateSpace:
             values = [repr(float(value)) for value in np.ravel(array)] or ["0.0"]
             return "{" + ", ".join(values) + "}"
 
-        filled = {
-            "IDENTIFIER": identifier,
-            "GUID": self._guid(),
-            "STATES": str(len(self.A)),
-            "INPUTS": str(len(self.inputs)),
-            "OUTPUTS": str(len(self.outputs)),
+        defined = {
+            "STATES": len(self.A),
+            "INPUTS": len(self.inputs),
+            "OUTPUTS": len(self.outputs),
             "A_VALUES": numbers(self.A),
             "B_VALUES": numbers(self.B),
             "C_VALUES": numbers(self.C),
             "D_VALUES": numbers(self.D),
             "REST_VALUES": numbers(self.at_rest),
+            "GUID": f'"{self._guid()}"',
         }
-        text = TEMPLATE.read_text()
-        for name, value in filled.items():
-            text = text.replace(f"@{name}@", value)
-        return text
+        lines = [f"#define {name} {value}" for name, value in defined.items()]
+        return "\n".join([*lines, SOURCE.read_text()])
 
     def _description(self, identifier: str) -> str:
         """The file modelDescription.xml of the unit; inputs come first in its variables."""

@@ -17,7 +17,7 @@ from gossamer_fx.mechanics.contact.cone import EdgeCone, PointInCone
 from gossamer_fx.mechanics.contact.contact_step import ContactLaw, PairState
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase import intersections
-from gossamer_fx.mechanics.contact.pairs import STENCILS
+from gossamer_fx.mechanics.contact.pairs import NUMBERS_OF_LAWS, STENCILS
 
 PACKAGE = Path(gossamer_fx.__file__).parent
 C_FILES = sorted(path for path in PACKAGE.rglob("*.[ch]"))
@@ -42,7 +42,9 @@ def test_each_stencil_has_the_row_of_its_name() -> None:
         c.ffi.string(c.lib.kind_name(number)).decode().replace("_", "")
         for number in range(c.lib.kind_count())
     ]
-    assert names == [type(STENCILS[number]).__name__.upper() for number in sorted(STENCILS)]
+    # Boundaries with a law have numbers beyond the table.
+    known = [number for number in sorted(STENCILS) if number not in NUMBERS_OF_LAWS]
+    assert names == [type(STENCILS[number]).__name__.upper() for number in known]
 
 
 def test_answers_of_intersections_are_those_of_the_header() -> None:
