@@ -47,6 +47,13 @@ class SeamLine:
         triangles: number (k,) of the triangle of each segment.
         starts: (k, 3) [m].
         ends: (k, 3) [m]; each is the start of the next segment.
+
+    Example:
+        >>> points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+        >>> square = gx.patterns.surface((points, [[0, 1, 2], [0, 2, 3]]))
+        >>> line, = square.by_planes([[0.25, 0, 0]], (1, 0, 0))
+        >>> line.length, len(line.points)
+        (1.0, 3)
     """
 
     triangles: Numbers

@@ -103,8 +103,8 @@ class Strips(Sequence[Triangulation]):
             >>> strips = square.cut(square.by_planes([[0.25, 0, 0]], (1, 0, 0)))
             >>> law = gx.Linear(E=1e8, nu=0.3, density=1000.0, thickness=1e-4)
             >>> panels = strips.flatten(law, tension=100.0)
-            >>> [f"{1 - panel.length:.4f}" for panel in panels]
-            ['0.0070', '0.0070']
+            >>> [f"{1 - panel.length:.3f}" for panel in panels]
+            ['0.007', '0.007']
         """
         n1, n2 = tension if isinstance(tension, tuple) else (tension, tension)
         known = set(self.mesh.rims)
