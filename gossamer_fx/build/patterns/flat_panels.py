@@ -130,6 +130,7 @@ class FlatPanel:
         return float(np.linalg.det(sides).sum() / 2)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Deviation:
     """Distances of a film from a form, along the normal of the form.
@@ -164,6 +165,7 @@ class Deviation:
         return f"{1e3 * self.rms:.3g} mm rms, largest {largest:.3g} mm at ({where}) m"
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Panels(Sequence[FlatPanel]):
     """Flat panels of a cut pattern; made by `Strips.flatten`.

@@ -23,6 +23,7 @@ import numpy as np
 
 from gossamer_fx.build.patterns.closest import Numbers, barycentric
 from gossamer_fx.build.patterns.triangulation import Triangulation, as_list, as_rows
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 
@@ -39,6 +40,7 @@ FAR = 0.02
 LONGEST_WAY = 10.0
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class SeamLine:
     """A line on a surface, of k straight segments; made by `FormSurface.by_planes` and others.

@@ -23,6 +23,7 @@ Tension = (
 )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Strips(Sequence[Triangulation]):
     """The strips of a cut surface; made by `FormSurface.cut`.
