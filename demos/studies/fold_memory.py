@@ -353,6 +353,10 @@ STUDY = Study(
     quick_options={"until": 2e-3},
     shows=("memory", "halfway", "effect"),
     quick_shows=("memory", "crease_angle", "crease_loss"),
+    not_repeatable={
+        "nutation": "nothing is tilted: round-off",
+        "nutation_at_start": "nothing is tilted: round-off",
+    },
     limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
         "memory, effect, opened, halfway, delay, size, crease_angle, crease_start, crease_end, "

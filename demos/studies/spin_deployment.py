@@ -36,6 +36,9 @@ STUDY = Study(
     quick={"start": ["usual"], "cells": [1], "h": [1e-3]},
     quick_options={"until": 0.05},
     shows=("largest_radius", "spin_of_hub", "spin_of_sail"),
+    not_repeatable={
+        "nutation_at_start": "nothing is tilted: round-off",
+    },
     limits={"energy_error": 1e-8, "penetrations": 0},
     columns=f"largest_radius, when, spin_of_hub, spin_of_sail, {LEDGER}",
     may_fail=True,

@@ -64,6 +64,10 @@ STUDY = Study(
     quick_options={"until": 0.3},
     shows=("opened", "largest_stress", "tape_tension"),
     quick_shows=("largest_stress", "tape_tension"),
+    not_repeatable={
+        "nutation": "nothing is tilted: round-off",
+        "nutation_at_start": "nothing is tilted: round-off",
+    },
     limits={"energy_error": 1e-8, "penetrations": 0},
     expected_warnings={
         "taut at one end of a step only": "the inner tapes are unloaded while the sail is folded, "
