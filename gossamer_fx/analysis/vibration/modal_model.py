@@ -294,11 +294,12 @@ class ModalModel:
                 f"{self._what}: a {type(probe).__name__} also depends on accelerations, which a "
                 "linear system does not give; take harmonic_response, or ask for positions.",
             )
-        first = self.response_to(forces[:, 0])
         forces = forces.copy()
         forces[self._system.unknowns.supports.held] = 0.0
         n = len(self._squares)
-        seen = np.array([first.rows(probe)[:, :n] for probe in probes]).reshape(-1, 2, n)
+        derivatives = [_derivatives(self._system, self._gas, probe) for probe in probes]
+        seen = np.array([np.array(pair) @ self._shapes for pair in derivatives])
+        seen = comm.allreduce(seen.reshape(-1, 2, n))
         viscous = comm.allreduce(self._shapes.T @ self._damping)
         # A loss factor is a damping ratio of half of it at each resonance.
         ratios = self._ratios + self._loss_factor / 2
@@ -312,14 +313,14 @@ class ModalModel:
                 f"{self._what}: a load pushes along a motion that nothing resists and that is not "
                 "among the modes; hold it, or ask gx.analysis.modes for more of them.",
             )
-            beyond[:, column] = [first.seen_of(probe, displacement) for probe in probes]
+            beyond[:, column] = [by_position @ displacement for by_position, _ in derivatives]
         return LinearModes(
             squares=self._squares,
             damping=viscous + np.diag(2 * ratios * np.sqrt(self._squares)),
             forces=of_modes,
             by_position=seen[:, 0],
             by_velocity=seen[:, 1],
-            beyond=beyond,
+            beyond=comm.allreduce(beyond),
         )
 
     def _residual_vectors(self, forces: Array) -> tuple[Array, Array, Array]:
@@ -488,7 +489,7 @@ class ModalResponse:
         if not isinstance(probe, ForceObjective):
             rows = self.rows(probe)
             return np.asarray(amplitudes @ rows[0] + 1j * ω * (amplitudes @ rows[1]))
-        by_position, _ = self._derivatives(probe)
+        by_position, _ = _derivatives(self.system, self.gas, probe)
         # What supports hold bears the damping and the inertia of its nodes, too.
         weights = probe.residual_weights(self.system)
         inertia = weights.duplicate()
@@ -504,26 +505,15 @@ class ModalResponse:
 
     def rows(self, probe: Objective) -> Array:
         """What a probe sees of each shape, (2, N): by positions, and by velocities.  Collective."""
-        return self._of_shapes(list(self._derivatives(probe)))
+        return self._of_shapes(list(_derivatives(self.system, self.gas, probe)))
 
     def seen_of(self, probe: Objective, motion: Array) -> float:
         """What a probe sees of a translation of the ground (unknowns of this rank,); nothing if it
         is a force.  Collective."""
         if isinstance(probe, ForceObjective):
             return 0.0
-        by_position, _ = self._derivatives(probe)
+        by_position, _ = _derivatives(self.system, self.gas, probe)
         return float(self.system.comm.allreduce(float(by_position @ motion)))
-
-    def _derivatives(self, probe: Objective) -> tuple[Array, Array]:
-        """Derivatives of a probe by positions and velocities (unknowns of this rank,)."""
-        by_position = self.system.unknowns.numbering.vector()
-        by_velocity = self.system.unknowns.numbering.vector()
-        probe.add_derivative(self.system, by_position, by_velocity)
-        add_gas_pressures(probe, self.system, self.gas, by_position)
-        found = by_position.array_r.copy(), by_velocity.array_r.copy()
-        for each in (by_position, by_velocity):
-            each.destroy()
-        return found
 
     def _of_shapes(self, rows: Sequence[Array]) -> Array:
         """Products (n, N) of rows (unknowns of this rank,) with the shapes."""
@@ -543,6 +533,21 @@ class ModalResponse:
             found += sign * product.array_r
         product.destroy()
         return found
+
+
+def _derivatives(
+    system: System, gas: Sequence[tuple[Array, float]], probe: Objective
+) -> tuple[Array, Array]:
+    """Derivatives of a probe by positions and velocities (unknowns of this rank,), with those of
+    the pressures of gas.  Collective."""
+    by_position = system.unknowns.numbering.vector()
+    by_velocity = system.unknowns.numbering.vector()
+    probe.add_derivative(system, by_position, by_velocity)
+    add_gas_pressures(probe, system, gas, by_position)
+    found = by_position.array_r.copy(), by_velocity.array_r.copy()
+    for each in (by_position, by_velocity):
+        each.destroy()
+    return found
 
 
 def checked_probes(probes: Mapping[str, Objective], system: System, what: str) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
-from petsc4py import PETSc
-
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import Inadmissible, NotConverged
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint as EndPoint
@@ -83,7 +81,6 @@ class MidpointSolver(StepSolver):
         # its mean it is ½ - 1/6, with that of its middle, or the mean of both ends, ¼ - 1/6.
         self.error_constant = 1 / 3 if system.unknowns.rule.acts_at_end else 1 / 12
         self._delayed_steps = 0  # converged steps in a row until steps are no longer delayed
-        self.vectors: dict[str, PETSc.Vec] = {}
 
     def get_history(self) -> dict[str, Any]:
         # The name is part of the format of checkpoint files; it was once a level of 0 to 3.
