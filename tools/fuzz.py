@@ -385,6 +385,9 @@ def main(words: Sequence[str]) -> int:
         # Sentences of the parser of command lines.
         with open(os.devnull, "w", errors="backslashreplace") as nowhere:
             known = readers(Path(folder))
+            unknown = sorted(set(wanted.readers) - set(known))
+            if unknown:
+                parser.error(f"there is no reader '{unknown[0]}'; give of {', '.join(known)}.")
             for name, (corpus, read) in known.items():
                 if not wanted.readers or name in wanted.readers:
                     sys.stderr = nowhere

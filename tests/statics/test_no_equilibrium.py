@@ -187,6 +187,21 @@ def test_unloading_is_not_blamed_for_its_round_off(comm, caplog):
     assert not caplog.records
 
 
+@pytest.mark.parametrize("elements", [8, 64])
+def test_a_load_that_round_off_almost_hides_is_not_within_tolerance(comm, elements, caplog):
+    """A stiff rope under a centinewton: its residual is the unbalanced force over the load, not
+    over the round-off of the inner forces, which ends the search earlier."""
+    load = 1e-2
+    straight = line(comm, [(0.0, 0.0, 0.0), (10.0, 0.0, 0.0)], elements)
+    cable = gx.Cable(straight, gx.CableLaw(1e7, 0.1))
+    force = gx.loads.Force(cable.port("end"), (load, 0.0, 0.0))
+    equilibrium = gx.Equilibrium(gx.Scene(cable, force, gx.Fixed(cable, "start")))
+    result = equilibrium.find()
+    assert not result.within_tolerance
+    assert "above the tolerance" in caplog.text
+    assert 1e-8 < result.residual < 1e-3
+
+
 @pytest.mark.mpi
 def test_a_plate_without_loads_is_not_blamed_for_the_round_off_of_its_reactions(comm, caplog):
     """It was "found to 2.9e-05 of the load", of which there is none."""

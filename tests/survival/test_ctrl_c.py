@@ -94,3 +94,20 @@ def test_the_launcher_lets_ctrl_c_wait_until_the_package_can_say_what_it_ends(
         timeout=HANG_TIMEOUT,
     )
     assert (done.returncode, done.stderr) == (130, SENTENCE)
+
+
+def test_the_launcher_is_stopped_while_it_looks_for_the_environment(tmp_path: Path) -> None:
+    """The first python3 of the path, which the launcher asks for dolfinx, sends it the signal."""
+    python = tmp_path / "python3"
+    python.write_text("#!/bin/sh\nkill -s INT $PPID\nexit 1\n")
+    python.chmod(0o755)
+    done = subprocess.run(
+        ["sh", str(ROOT / "gossamer"), "doctor"],
+        cwd=tmp_path,
+        env=os.environ | {"PATH": os.pathsep.join((str(tmp_path), os.environ["PATH"]))},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        capture_output=True,
+        text=True,
+        timeout=HANG_TIMEOUT,
+    )
+    assert (done.returncode, done.stderr) == (130, SENTENCE)

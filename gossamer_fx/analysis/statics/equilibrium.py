@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict
 from typing import Any, Literal
 
-from gossamer_fx.analysis.statics.continuation import MAX_ROUND_OFF, Continuation, Search
+from gossamer_fx.analysis.statics.continuation import Continuation, Search
 from gossamer_fx.analysis.statics.result import (
     EquilibriumResult,
     assess,
@@ -134,13 +134,17 @@ class Equilibrium(Sought):
         if not is_unloaded:
             warn_of_lost_loads(search)
         found = assess(search, at)
-        residual, load = search.unbalanced()
-        is_within_tolerance = bool(residual <= self.search.tolerance)
-        round_off = search.newton.round_off
-        if is_unloaded or external < round_off / MAX_ROUND_OFF:
+        residual, scale = search.unbalanced()
+        unbalanced_force = residual * scale
+        if is_unloaded:
             # Nothing to compare with but earlier loads, and the round-off of the inner forces.
-            absolute = max(self.search.tolerance * self._largest_load, round_off)
-            is_within_tolerance = bool(residual * load <= absolute)
+            allowed = max(self.search.tolerance * self._largest_load, search.newton.round_off)
+        else:
+            # Loads below a thousand times that round-off end the search early: their residual is
+            # that over the loads all the same.
+            residual = unbalanced_force / external
+            allowed = self.search.tolerance * external
+        is_within_tolerance = bool(unbalanced_force <= allowed)
         self.result = EquilibriumResult(
             residual=residual,
             iterations=search.iterations,

@@ -42,8 +42,8 @@ class EquilibriumResult:
     """An equilibrium and how it was found.
 
     Attributes:
-        residual: unbalanced force over that of loads and supports, or over a thousand times the
-            round-off of the inner forces where that is more, e.g. without loads.
+        residual: unbalanced force over that of loads and supports; without loads over a thousand
+            times the round-off of the inner forces.
         iterations: Newton iterations, including those of failed pseudo-steps.
         steps: pseudo-steps, including failed ones.
         cuts: failed pseudo-steps.
