@@ -37,6 +37,7 @@ from stopwatch import Stopwatch
 
 import gossamer_fx as gx
 from demos.antennas import antenna_pendulum
+from demos.common import flat_rooted_tube
 from demos.films import spinning_sheet
 from demos.inflatables import inflate_tube
 from demos.studies import airbag as airbag_study
@@ -111,6 +112,17 @@ def tube(cells: int = 14, steps: int = 20, dt: float = 1e-4) -> Figures:
     run = inflate_tube.build(COMM, cells=cells, dt=dt).simulation()
     figures = watch.measure(run, steps * dt)
     return figures | {"p [Pa]": run.chamber("tube").pressure, "Δm/m": abs(run.mass_error)}
+
+
+def folded_tube(cells: int = 4, until: float = 3e-3) -> Figures:
+    """A folded tube whose film nothing damps."""
+    watch = Stopwatch()
+    case = flat_rooted_tube.build(COMM, cells=cells, damping=0.0, iterations=0)
+    run = case.simulation()
+    figures = watch.measure(run, until)
+    contacts = [item for item in case.scene.items if isinstance(item, gx.Contact)]
+    penetrations = sum(gx.probes.Penetrations(contact)(run) for contact in contacts)
+    return figures | {"Δm/m": abs(run.mass_error), "penetrations": penetrations}
 
 
 def antenna(cells: int = 20, steps: int = 3, dt: float = 5e-3) -> Figures:
@@ -326,7 +338,7 @@ def orthotropic(law: str = "braid", order: int = 1, n: int = 48, steps: int = 20
 
 
 SOLVERS: tuple[Callable[..., Figures], ...] = (
-    *(sheet, tube, antenna, pendulum, airbag, blown, plate, contact, orthotropic),
+    *(sheet, tube, folded_tube, antenna, pendulum, airbag, blown, plate, contact, orthotropic),
     *(profile, rank_counts, scaling_model, gradient, contact_cost),
 )
 

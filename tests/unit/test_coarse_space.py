@@ -13,12 +13,13 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 import gossamer_fx as gx
+from demos.common import flat_rooted_tube
 from demos.films.spinning_sheet import throw
 from gossamer_fx.core.checks.errors import NotConverged
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.solve.solvers import coarse_space, two_level
+from gossamer_fx.solve.solvers import coarse_space, factorisation, linear, two_level
 from gossamer_fx.solve.solvers.coarse_space import NODES_PER_PATCH, groups, patches, prolongation
 from gossamer_fx.solve.solvers.two_level import TwoLevel
 from tests.small_scenes import WRINKLING
@@ -266,6 +267,29 @@ def test_most_fill_serves_for_the_rest_of_a_step(comm, monkeypatch):
     assert chosen == [2, 6, 10, 6, 10]
 
 
+@pytest.mark.mpi
+def test_a_difficult_system_with_contact_is_factorised_unless_the_factors_fill_up(
+    comm, monkeypatch
+):
+    """A folded tube on one rank; several ranks have no such factors.  The steps are the same."""
+    monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
+    # Solves of so small a system take few iterations.
+    monkeypatch.setattr(two_level, "MORE_FILL_ABOVE", 0)
+    names = []
+    ends = []
+    for limit in (0.0, factorisation.MAX_FILL):
+        monkeypatch.setattr(factorisation, "MAX_FILL", limit)
+        run = flat_rooted_tube.build(comm, cells=4).simulation()
+        run.run(until=3e-4)
+        names.append(str(run.solver.newton._preconditioner.getPythonContext()))
+        ends.append(run.system.unknowns.q0.array_r.copy())
+    assert "coarse space" in names[0]
+    expected = "a factorisation of blocks" if comm.size == 1 else names[0]
+    assert names[1] == expected
+    assert ends[1] == pytest.approx(ends[0], abs=1e-9)
+
+
+@pytest.mark.mpi
 def test_options_choose_another_preconditioner(comm):
     from petsc4py import PETSc
 

@@ -55,6 +55,12 @@ OVERLAP = 3
 # ms.
 MAX_UNKNOWNS_BLOCKS = 1500
 
+# Unknowns of systems that are difficult for incomplete factors up to which those of blocks replace
+# them, and the number that they store for an unknown above which they do not (`BlockFactors.fill`):
+# see the tables of `solvers.two_level`.
+MAX_UNKNOWNS_DIFFICULT = 9000
+MAX_FILL = 150.0
+
 # Relative residual of a solution from which the factors of blocks are not accurate enough.
 # Measured in the tube and the sheet: 1e-15 to 3e-14.
 MAX_BLOCK_RESIDUAL = 1e-10
@@ -118,10 +124,12 @@ class BlockFactors:
     PETSc factorises blocks in the order of (approximate) minimum degree and without pivoting, which
     is fast for small matrices: a new pattern costs 0.05 ms, MUMPS takes 0.4 ms for it.  Each
     factorisation is tested by one solution; a matrix that needs pivots is factorised by MUMPS
-    instead.  `problem` says why the last factorisation failed.
+    instead.  `problem` says why the last factorisation failed, `fill` how many numbers the last
+    factors without pivots store for an unknown.
     """
 
     problem = ""
+    fill = 0.0
     is_exact = True
 
     def __init__(self) -> None:
@@ -149,6 +157,8 @@ class BlockFactors:
         self._without_pivots.setOperators(matrix)
         self._without_pivots.setUp()
         if self._is_accurate(matrix):
+            stored = self._without_pivots.getFactorMatrix().getInfo()["nz_used"]
+            self.fill = float(stored) / matrix.getSize()[0]
             return
         self._reset()
         self._in_use = self._with_pivots
@@ -225,14 +235,18 @@ def new(A: PETSc.Mat, is_scaled: bool) -> PETSc.PC:
     return pc
 
 
+def has_blocks(A: PETSc.Mat) -> bool:
+    """Whether `BlockFactors` can factorise a matrix: it has 3 x 3 blocks and is on one rank."""
+    return bool(A.getType() == PETSc.Mat.Type.SEQBAIJ and A.getBlockSize() == 3)
+
+
 def choose_for_steps(pc: PETSc.PC, A: PETSc.Mat) -> None:
     """Make a preconditioner the fastest factorisation of matrices like A, which must not be
     singular: those of 3 x 3 blocks on one rank, with at most 1500 unknowns, are factorised by
     PETSc, others by MUMPS.  PETSc's option `-gx_pc_type` keeps MUMPS."""
     is_small = A.getSize()[0] <= MAX_UNKNOWNS_BLOCKS
-    has_blocks = A.getType() == PETSc.Mat.Type.SEQBAIJ and A.getBlockSize() == 3
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
-    if is_small and has_blocks and is_free:
+    if is_small and has_blocks(A) and is_free:
         pc.setType("python")
         pc.setPythonContext(BlockFactors())
     else:

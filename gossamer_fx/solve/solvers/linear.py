@@ -181,8 +181,6 @@ class BorderedPreconditioner:
         # Z as rows (k, n), and the indices of these columns among those of G.
         self._Z: Array = np.zeros((0, 0))
         self._solved: list[int] = []
-        # The kind of a preconditioner does not change.
-        self._is_exact = factorisation.is_exact(sparse)
         context = sparse.getPythonContext() if sparse.getType() == "python" else None
         self._context = context
         # What lets it use the factors of an earlier matrix for the next one, if it can; returns
@@ -227,10 +225,15 @@ class BorderedPreconditioner:
         self._step = None
         recover(self._sparse)
 
+    @property
+    def _is_exact(self) -> bool:
+        """Whether P = A, to round-off."""
+        return factorisation.is_exact(self._sparse)
+
     def _is_marked(self, mark: str) -> bool:
-        """Whether a preconditioner takes the tangent with all couplings of contact
-        (`needs_couplings`), adds them itself (`adds_couplings`), or is to be set up again within a
-        solve, as its factors are those of an earlier matrix (`is_outdated`)."""
+        """Whether a preconditioner adds the couplings of contact itself (`adds_couplings`), or is
+        to be set up again within a solve, as its factors are those of an earlier matrix
+        (`is_outdated`)."""
         return bool(getattr(self._context, mark, False))
 
     def _set_up_sparse(self, is_new_step: bool) -> None:
@@ -245,7 +248,8 @@ class BorderedPreconditioner:
             self._sparse.setReusePreconditioner(is_kept)
             if is_kept:
                 return
-        if self._is_exact or self._is_marked("needs_couplings"):
+        # A preconditioner that is exact now may say that it will not be for the next matrix.
+        if getattr(self._context, "needs_couplings", self._is_exact):
             factorisation.replace(self._sparse, tangent.for_factorisation())
         elif self._needs_couplings and not self._is_marked("adds_couplings"):
             self._sparse.setOperators(tangent.for_preconditioner(), tangent.A)
@@ -304,7 +308,8 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     """Choose the Krylov method and the preconditioner of the coordinates; PETSc's options may
     override.
 
-    A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
+    A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900 or,
+    if incomplete factors are slow, 9000 (`two_level.FactorisedIfDifficult`).
     Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
     those of ties are condensed, and in large systems those of beams and rigid bodies; others are
     eliminated if few of them are coupled with films (`condensed_constraints.for_constraints`), else
@@ -347,10 +352,11 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     _choose_gmres(ksp)
     if is_free:
         # Imported here, as small scenes must not pay for it.
-        from gossamer_fx.solve.solvers.two_level import TwoLevel
+        from gossamer_fx.solve.solvers.two_level import FactorisedIfDifficult, TwoLevel
 
         pc.setType("python")
-        pc.setPythonContext(TwoLevel(system))
+        kind = FactorisedIfDifficult if FactorisedIfDifficult.serves(system) else TwoLevel
+        pc.setPythonContext(kind(system))
 
 
 def _choose_gmres(ksp: PETSc.KSP) -> None:
