@@ -65,9 +65,8 @@ from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverg
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.records.outputs.output import Output, evaluate_probe
 from gossamer_fx.records.outputs.static_records import OpenedOutputs
-from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.convergence import Tolerances
-from gossamer_fx.solve.solvers.newton import Newton
+from gossamer_fx.solve.solvers.newton import Border, ExtraUnknown, Newton, with_border
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import (
@@ -341,214 +340,99 @@ class _Load:
         return factor if self._variable is None else self._time
 
 
-class _PathNewton(Newton):
-    """Newton's iteration with the load factor as its last scalar unknown, and (1) as its equation.
+class _LoadFactor(ExtraUnknown):
+    """The load factor as the last scalar unknown of Newton's iteration, and (1) as its equation.
 
     Attributes:
         row: W⁻¹ M t of (1), zero at fixed coordinates; (n,) of this rank.
         weight: τ/Λ² of (1).
         predicted: load factor at which (1) holds for the predicted coordinates.
         scale: s of (1), by which the equation is divided.
-        factor: load factor of the last iterate.
-        load_norm: norm of ∂r/∂λ [N]; set by `direction`.
+        load_norm: norm of ∂r/∂λ [N] at the last `border_at_point`.
     """
-
-    own_scalars = 1
 
     def __init__(self, system: System, load: _Load, difference: float) -> None:
         """`difference` is the step of the load factor in differences ∂/∂λ."""
-        super().__init__(system, Tolerances(), direct=True)
+        self._system = system
         self._load = load
         self._difference = difference
         self._increment = system.unknowns.numbering.vector()  # predicted, of the present step
-        # w of the last iterate; w with the fixed coordinates of another load; the residual there.
-        self._w = system.unknowns.numbering.vector()
+        # w with the fixed coordinates of another load, and the residual there.
         self._moved = system.unknowns.numbering.vector()
         self._shifted = system.unknowns.numbering.vector()
-        # Load factor for which the system is set; None: unknown.
+        # Load factor for which the system is set, None: unknown; and w of fixed coordinates there.
         self._applied: float | None = None
-        # Whether strains are the true ones of the coordinates, as in `direction`, not linearised.
-        self._is_at_point = False
-        # Scalar unknowns of the scene in the last iterate.
-        self._y: Array = np.zeros(0)
-        # What was wrong with the loads of an iterate; None: nothing.
-        self._refusal: InputError | None = None
-        self.row: Array = np.zeros(self._w.getLocalSize())
+        self._fixed_values: Array = np.zeros(0)
+        self.row: Array = np.zeros(self._moved.getLocalSize())
         self.weight = 0.0
         self.predicted = 0.0
         self.scale = 1.0
-        self.factor = 0.0
         self.load_norm = 0.0
-
-    def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
-        """As `Newton.solve`; the last entry of y is the load factor."""
-        increment.copy(self._increment)
-        self._applied = None
-        self._is_at_point = False
-        self._refusal = None
-        # The fixed coordinates of the first iterate are those of the predicted load.
-        self._apply(float(y[-1]))
-        try:
-            return super().solve(increment, y)
-        except NotConverged as failure:
-            if self._refusal is None:
-                raise
-            raise NotConverged(str(self._refusal)) from failure
-
-    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
-        """As `Newton._function`.  An iterate may have a load factor far from the path, e.g. one
-        with temperatures below 0 K: what refuses it ends the iteration, and not the path."""
-        try:
-            if self._refusal is None:
-                super()._function(snes, x, F)
-        except InputError as refusal:
-            self._refusal = refusal
-        if self._refusal is not None:
-            F.set(math.nan)
-
-    @property
-    def imbalance(self) -> float:
-        """Norm of the residual [N] that was evaluated last in a solution."""
-        return self._residual.imbalance
-
-    def begin_at_point(self, factor: float) -> None:
-        """Evaluate the residual of the accepted state, for `direction`.  Collective."""
-        self._increment.zeroEntries()
-        self._w.zeroEntries()
-        guess = self.begin_step(factor)
-        self._y = guess
-        self._evaluate_at(factor, None)
 
     def begin_step(self, factor: float) -> Array:
         """Begin a step of the length `DURATION` to a load factor; returns a first guess of the
         scene's scalar unknowns.  Collective."""
         self._load.set(factor)
-        self.system.unknowns.time = self._load.time(factor) - DURATION
+        self._system.unknowns.time = self._load.time(factor) - DURATION
         self._applied = None
-        return self.system.equations.begin_step(DURATION)
+        return self._system.equations.begin_step(DURATION)
 
-    def _apply(self, factor: float) -> None:
-        """Set the loads of a load factor, and `_fixed_values` of the coordinates that it
-        prescribes."""
-        if factor == self._applied:
-            return
-        self._load.set(factor)
-        self.system.unknowns.time = self._load.time(factor) - self.system.unknowns.h
-        self.system.equations.begin_without_search(self.system.unknowns.h)
-        self._fixed_values = self.system.equations.predict(self._increment)
-        self._applied = factor
+    def take_increment(self, increment: PETSc.Vec) -> None:
+        """Take the predicted increment of the coordinates of the step that was begun."""
+        increment.copy(self._increment)
+        self._applied = None
 
-    def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """w and y of x, as `Newton` has them; sets the loads of the load factor in y first, which
-        prescribe fixed coordinates."""
-        _, y = self._composite.split(x)
-        self.factor = float(y[-1])
-        self._apply(self.factor)
-        w, y = super()._split(x)
-        w.copy(self._w)
-        self._y = y[:-1]
-        return w, y
+    def apply(self, value: float) -> Array | None:
+        if value == self._applied:
+            return None
+        self._load.set(value)
+        self._system.unknowns.time = self._load.time(value) - self._system.unknowns.h
+        self._system.equations.begin_without_search(self._system.unknowns.h)
+        self._fixed_values = self._system.equations.predict(self._increment)
+        self._applied = value
+        return self._fixed_values
 
-    def _residuals(self, y: Array) -> Array:
-        """Evaluate r, and return s of the scene's scalar unknowns and then that of (1)."""
-        s = self.system.equations.residual(y[:-1], self._r)
-        along = self.system.comm.allreduce(float(self.row @ self._w.array_r))
-        along += self.weight * (y[-1] - self.predicted)
-        return np.append(s, along / self.scale)
+    def residual(self, w: PETSc.Vec, value: float) -> float:
+        along = float(self._system.comm.allreduce(float(self.row @ w.array_r)))
+        return (along + self.weight * (value - self.predicted)) / self.scale
 
-    def _coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Coupling of all scalar unknowns with the coordinates, that of the load factor last.
-        Leaves the system at a shifted load factor.  Collective."""
-        columns, rows, corner = self.system.matrices.coupling()
-        base = None if self._is_at_point else self._linearisation_point
-        own = self.weight / self.scale
-        try:
-            forces, equations = self._rates(base)
-        except InputError as refusal:
-            if self._is_at_point:
-                raise
-            # The next residual ends the iteration; up to there the matrix has to be regular.
-            self._refusal = refusal
-            forces = np.zeros(len(self.row))
-            equations = np.zeros(len(corner))
-            own = 1.0
-        columns.append(forces)
-        rows.append(self.row / self.scale)
-        count = len(corner)
-        whole = np.zeros((count + 1, count + 1))
-        whole[:count, :count] = corner
-        whole[:count, count] = equations
-        whole[count, count] = own
-        return columns, rows, whole
+    def border(self, w: PETSc.Vec, y: Array, linearisation_point: PETSc.Vec) -> Border:
+        return self._border(w, y, linearisation_point)
 
-    def _rates(self, base: PETSc.Vec | None) -> tuple[Array, Array]:
-        """Derivatives of r [N] and s by the load factor, in which fixed coordinates move along, at
-        the last iterate; strains are linearised about w = `base`.  Leaves the system at a shifted
-        load factor.  Collective."""
+    def border_at_point(self, w: PETSc.Vec, y: Array) -> Border:
+        """Derivatives by the load factor at a solution w and y, with its true strains, and at whose
+        load factor the system stands then.  Also sets `load_norm`.  Collective."""
+        border = self._border(w, y, None)
+        forces = border[0]
+        self.load_norm = math.sqrt(self._system.comm.allreduce(float(forces @ forces)))
+        self.evaluate_at(float(y[-1]), w, y, None)
+        return border
+
+    def _border(self, w: PETSc.Vec, y: Array, base: PETSc.Vec | None) -> Border:
+        """Derivatives by the load factor, in which fixed coordinates move along: central
+        differences, at strains that are linear from w = `base`, or the true ones.  Leaves the
+        system at a shifted load factor.  Collective."""
         forces = []
         equations = []
         for side in (1, -1):
-            equations.append(self._evaluate_at(self.factor + side * self._difference, base))
+            factor = float(y[-1]) + side * self._difference
+            equations.append(self.evaluate_at(factor, w, y, base))
             forces.append(self._shifted.array_r.copy())
         self._applied = None
         width = 2 * self._difference
-        return (forces[0] - forces[1]) / width, (equations[0] - equations[1]) / width
+        of_equations = (equations[0] - equations[1]) / width
+        last = np.append(of_equations, self.weight / self.scale)
+        return (forces[0] - forces[1]) / width, self.row / self.scale, last
 
-    def _evaluate_at(self, factor: float, base: PETSc.Vec | None) -> Array:
-        """Evaluate r at the last iterate under the load of a factor, to `_shifted`, and return s;
-        strains are linearised about w = `base`, or the true ones.  Collective."""
-        self._apply(factor)
-        self._w.copy(self._moved)
+    def evaluate_at(self, factor: float, w: PETSc.Vec, y: Array, base: PETSc.Vec | None) -> Array:
+        """Evaluate r at an iterate under the load of a factor, to `_shifted`, and return s of the
+        scene; strains are linear from w = `base`, or the true ones.  Collective."""
+        self.apply(factor)
+        w.copy(self._moved)
         with self._moved as values:
-            values[self.system.unknowns.supports.held] = self._fixed_values
-        self.system.equations.set_increment(self._moved, base)
-        return self.system.equations.residual(self._y, self._shifted)
-
-    def direction(self) -> tuple[PETSc.Vec, float]:
-        """The tangent (dq, dλ) of the path at the last solution, with the left side of (1) equal
-        to one: its coordinates as a new vector, and its load factor.  Also sets `load_norm`.
-        Collective."""
-        assert self._bordered is not None
-        self._is_at_point = True
-        self._tangent()
-        coupling = self._coupling()
-        column = coupling[0][-1]
-        assert column is not None
-        self.load_norm = math.sqrt(self.system.comm.allreduce(float(column @ column)))
-        # `_coupling` has left the system at a shifted load factor.
-        self._evaluate_at(self.factor, None)
-        self._bordered.set(*coupling)
-        J = self.ksp.getOperators()[0]
-        J.assemble()
-        right = np.zeros(self._scalar_count)
-        right[-1] = 1.0
-        self._moved.zeroEntries()
-        self._composite.join(self._moved, right, self._F)
-        # Before the solution uses its factors: one that lacks workspace is repeated with more.
-        factorisation.set_up(self._preconditioner)
-        self.ksp.solve(self._F, self._x)
-        dq, dy = self._composite.split(self._x)
-        return dq.copy(), float(dy[-1])
-
-    def null_direction(self) -> tuple[PETSc.Vec, float]:
-        """The null vector (dq, dλ), of any length, of the matrix of the last `direction`, which was
-        at a branch point: its coordinates as a new vector, and its load factor.  Collective."""
-        # Any vector that has a part along the null vector will do.
-        generator = np.random.default_rng(self.system.comm.rank)
-        dq = self._moved.copy()
-        with dq as values:
-            values[:] = generator.standard_normal(values.size)
-        right = np.zeros(self._scalar_count)
-        for _ in range(INVERSE_ITERATIONS):
-            self.system.unknowns.M.mult(dq, self._moved)
-            with self._moved as values:
-                values[self.system.unknowns.supports.held] = 0.0
-            self._moved.normalize()
-            self._composite.join(self._moved, right, self._F)
-            self.ksp.solve(self._F, self._x)
-            solved, dy = self._composite.split(self._x)
-            solved.copy(dq)
-        return dq, float(dy[-1])
+            values[self._system.unknowns.supports.held] = self._fixed_values
+        self._system.equations.set_increment(self._moved, base)
+        return self._system.equations.residual(y[:-1], self._shifted)
 
 
 @dataclass
@@ -648,9 +532,13 @@ class _Follower:
         self._until = toward
         self._sign = math.copysign(1.0, toward - start)
         self._first_step = first_step
-        self._newton = _PathNewton(system, load, DIFFERENCE_STEP * first_step)
+        self._factor = _LoadFactor(system, load, DIFFERENCE_STEP * first_step)
+        self._newton = Newton(system, Tolerances(), direct=True, extra=self._factor)
         self._zero = system.unknowns.numbering.vector()
         self._product = system.unknowns.numbering.vector()
+        # w and scalar unknowns of the last solution, the load factor at their end.
+        self._w = system.unknowns.numbering.vector()
+        self._y: Array = np.zeros(0)
         self._displacement_weight = 0.0  # 1/W of (1)
         self._largest_load = 0.0  # norm of the external forces [N]
         self._iterations = 0
@@ -666,13 +554,12 @@ class _Follower:
     def _first_point(self, start: float) -> _Point:
         """The state of the equilibrium, with the tangent towards the wanted load.  Sets 1/W of (1),
         zero if the load moves nothing, and the length of the first step."""
-        newton = self._newton
-        newton.factor = start
-        newton.begin_at_point(start)
-        newton.row[:] = 0.0
-        newton.weight = self._sign
-        newton.scale = 1.0
-        direction, slope = newton.direction()
+        factor = self._factor
+        self._begin_at_point(start)
+        factor.row[:] = 0.0
+        factor.weight = self._sign
+        factor.scale = 1.0
+        direction, slope = self._tangent()
         unstable = self._count_unstable()
         square = self._mass_square(direction) * self._first_step**2
         if not math.isfinite(square):
@@ -688,6 +575,44 @@ class _Follower:
             self._first_length = 1.0
             self._length = 1.0
         return self._unit(_Point(0.0, start, direction, slope, unstable))
+
+    def _begin_at_point(self, factor: float) -> None:
+        """Evaluate the residual of the accepted state, for `_tangent`.  Collective."""
+        self._w.zeroEntries()
+        self._factor.take_increment(self._w)
+        guess = self._factor.begin_step(factor)
+        self._y = np.append(guess, factor)
+        self._factor.evaluate_at(factor, self._w, self._y, None)
+
+    def _tangent(self) -> tuple[PETSc.Vec, float]:
+        """The tangent (dq, dλ) of the path at the last solution, with the left side of (1) equal
+        to one: its coordinates as a new vector, and its load factor.  Collective."""
+        matrices = self._system.matrices
+        matrices.assemble_tangent()
+        # First that of the scene, as the other one moves the system to other load factors.
+        of_scene = matrices.coupling()
+        border = self._factor.border_at_point(self._w, self._y)
+        self._newton.factorise(with_border(of_scene, border))
+        right = np.zeros(len(self._y))
+        right[-1] = 1.0
+        dq, dy = self._newton.solve_linear(self._zero, right)
+        return dq.copy(), float(dy[-1])
+
+    def _null_direction(self) -> tuple[PETSc.Vec, float]:
+        """The null vector (dq, dλ), of any length, of the matrix of the last `_tangent`, which was
+        at a branch point: its coordinates as a new vector, and its load factor.  Collective."""
+        # Any vector that has a part along the null vector will do.
+        generator = np.random.default_rng(self._system.comm.rank)
+        dq = self._zero.duplicate()
+        with dq as values:
+            values[:] = generator.standard_normal(values.size)
+        right = np.zeros(len(self._y))
+        for _ in range(INVERSE_ITERATIONS):
+            self._mass_square(dq)  # sets `_product` = M dq
+            self._product.normalize()
+            solved, dy = self._newton.solve_linear(self._product, right)
+            solved.copy(dq)
+        return dq, float(dy[-1])
 
     def _mass_square(self, direction: PETSc.Vec) -> float:
         """t·M t, and M t in `_product`; fixed coordinates do not count."""
@@ -726,24 +651,26 @@ class _Follower:
         """
         last = self._last
         newton = self._newton
+        factor = self._factor
         system = self._system
         # Row of (1), which also orients the new tangent; `_mass_square` sets `_product` = M t.
         self._mass_square(last.direction)
         row = self._displacement_weight * self._product.array_r
         weight = last.slope / self._first_step**2
-        newton.row[:] = row
-        newton.weight = weight
-        newton.scale = max(length, TINY_LENGTH)
-        newton.predicted = last.factor + length * last.slope
+        factor.row[:] = row
+        factor.weight = weight
+        factor.scale = max(length, TINY_LENGTH)
+        factor.predicted = last.factor + length * last.slope
         if at is not None:
-            newton.row[:] = 0.0
-            newton.weight = 1.0
-            newton.scale = self._first_step
-            newton.predicted = at
+            factor.row[:] = 0.0
+            factor.weight = 1.0
+            factor.scale = self._first_step
+            factor.predicted = at
         system.equations.set_end(system.unknowns.q0)
-        guess = newton.begin_step(newton.predicted)
+        guess = factor.begin_step(factor.predicted)
         increment = last.direction.copy()
         increment.scale(length)
+        factor.take_increment(increment)
         target = FINAL_REDUCTION * self._equilibrium.search.tolerance * self._load_scale()
         newton.tolerances = Tolerances(
             relative=0.0,
@@ -753,25 +680,26 @@ class _Follower:
             max_iterations=MAX_ITERATIONS,
         )
         try:
-            _, _, used = newton.solve(increment, np.append(guess, newton.predicted))
+            w, self._y, used = newton.solve(increment, np.append(guess, factor.predicted))
+            w.copy(self._w)
             self.view.residual = newton.imbalance / self._load_scale()
         finally:
             self._iterations += newton.iterations
             increment.destroy()
-        newton.row[:] = row
-        newton.weight = weight
-        newton.scale = 1.0
-        direction, slope = newton.direction()
+        factor.row[:] = row
+        factor.weight = weight
+        factor.scale = 1.0
+        direction, slope = self._tangent()
         unstable = self._count_unstable()
         if not math.isfinite(direction.norm()):
             raise NotConverged("the tangent of the path is singular")
-        point = _Point(length, newton.factor, direction, slope, unstable, used)
+        point = _Point(length, float(self._y[-1]), direction, slope, unstable, used)
         return self._unit(point)
 
     def _load_scale(self) -> float:
         """Largest external force so far [N], or that of the first step."""
         external = float(self._system.equations.external_forces().norm())
-        first = self._newton.load_norm * self._first_step
+        first = self._factor.load_norm * self._first_step
         self._largest_load = max(self._largest_load, external, first)
         return max(self._largest_load, TINY_LOAD)
 
@@ -819,7 +747,7 @@ class _Follower:
         grows: `_last` gets the tangent of the branch.  Collective."""
         last = self._last
         system = self._system
-        direction, slope = self._newton.null_direction()
+        direction, slope = self._null_direction()
         branch = _Point(0.0, last.factor, direction, slope, last.unstable, turns=True)
         if not self._displacement_weight:
             # The load has moved nothing up to here: on the branch a length of one is a small move.
@@ -899,7 +827,7 @@ class _Follower:
     def _stand_at_last(self) -> None:
         """Give load, reactions and time of the last point to the system, whose state is that point,
         after steps that were not accepted.  Collective."""
-        self._newton.begin_at_point(self._last.factor)
+        self._begin_at_point(self._last.factor)
         self._system.unknowns.time = self._load.time(self._last.factor)
 
     def _cosine(self, point: _Point) -> float:

@@ -46,6 +46,7 @@ from __future__ import annotations
 import math
 import time
 import weakref
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -55,7 +56,7 @@ from petsc4py import PETSc
 import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.core.algebra.numbering import PREFIX
-from gossamer_fx.core.checks.errors import Inadmissible, NotConverged, check
+from gossamer_fx.core.checks.errors import Inadmissible, InputError, NotConverged, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual, StallRule, Tolerances
 from gossamer_fx.solve.system.residual_sizes import (
@@ -91,6 +92,25 @@ SMALL_RESIDUAL_RATIO = 1e-5
 COMPLETE_TANGENT_RATIO = 0.01
 
 
+# Column (n,) of ∂r/∂y, row (n,) of the derivative of its equation by w, and column (m + 1,) of the
+# other equations and its own, of an extra unknown; n counts this rank's unknowns.
+Border = tuple[Array, Array, Array]
+
+# Columns of G, columns of H (None: zero), and C (m, m) of (1) of `solvers.linear`.
+Coupling = tuple[list[Array | None], list[Array | None], Array]
+
+
+def with_border(coupling: Coupling, border: Border) -> Coupling:
+    """A coupling of m scalar unknowns with that of an extra one behind them."""
+    columns, rows, corner = coupling
+    column, row, last = border
+    count = len(corner)
+    whole = np.zeros((count + 1, count + 1))
+    whole[:count, :count] = corner
+    whole[:, count] = last
+    return [*columns, column], [*rows, row], whole
+
+
 def _weak_method(method: Any) -> Callable[..., Any]:
     """A bound method with only a weak reference to its object.  The garbage collector does not see
     references held by a solver of PETSc, so an ordinary bound method would make a reference cycle
@@ -103,6 +123,26 @@ def _weak_method(method: Any) -> Callable[..., Any]:
         return function(reference(), *args)
 
     return call
+
+
+class ExtraUnknown(ABC):
+    """A scalar unknown of the solver itself, e.g. the load factor of a path, as the last of y, with
+    an equation; equations (1) and (2) depend on it."""
+
+    @abstractmethod
+    def apply(self, value: float) -> Array | None:
+        """Let the system have the equations of this value.  Returns w of this rank's fixed
+        coordinates, in the order of `supports.held`; None if nothing has changed.  An `InputError`
+        ends the iteration, and is the reason of its failure.  Collective."""
+
+    @abstractmethod
+    def residual(self, w: PETSc.Vec, value: float) -> float:
+        """Residual of its equation, over the size of what it balances.  Collective."""
+
+    @abstractmethod
+    def border(self, w: PETSc.Vec, y: Array, linearisation_point: PETSc.Vec) -> Border:
+        """Derivatives by this unknown at an iterate w and y (m + 1,), whose strains are linear from
+        the linearisation point.  Collective."""
 
 
 class Newton:
@@ -132,13 +172,20 @@ class Newton:
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
         seconds: wall time [s] of all solves by part of the iteration.
-        own_scalars: scalar unknowns of the solver itself, behind those of the scene.
     """
 
-    own_scalars = 0
-
-    def __init__(self, system: System, tolerances: Tolerances, direct: bool = False) -> None:
+    def __init__(
+        self,
+        system: System,
+        tolerances: Tolerances,
+        direct: bool = False,
+        extra: ExtraUnknown | None = None,
+    ) -> None:
+        """`extra` is a scalar unknown behind those of the scene."""
         self.system = system
+        self._extra = extra
+        # Why the extra unknown of an iterate has no equations; None: it has.
+        self._refusal: InputError | None = None
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0
         self.largest_energy = 0.0
@@ -148,7 +195,9 @@ class Newton:
         self.linear_iterations = 0
         self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
 
-        self._scalar_count = system.matrices.scalar_count + self.own_scalars
+        self._scalar_count = system.matrices.scalar_count
+        if extra is not None:
+            self._scalar_count += 1
         # Vectors of the unknowns (w, y), of the residuals (r, s), and of (w, y) at the start of an
         # iteration.
         self._composite = linear.Composite(system.comm, system.unknowns.q1, self._scalar_count)
@@ -164,6 +213,8 @@ class Newton:
         # Shares of the lengths of the updates of an iteration that remain, see `_limit_update`.
         self._kept_shares: list[float] = []
         self._r = system.unknowns.numbering.vector()
+        # Scalar unknowns of the last residual.
+        self._y: Array = np.zeros(self._scalar_count)
         # w of the last residual, and that from which the strains of the next one are linear.
         self._w_evaluated = system.unknowns.numbering.vector()
         self._linearisation_point = system.unknowns.numbering.vector()
@@ -246,8 +297,8 @@ class Newton:
         guess y of the scalar unknowns; q1 is then in the system.  Collective.
 
         Returns:
-            w = q1 - q0 - p, in a vector that the next call overwrites; y; and the number of Newton
-                iterations.
+            w = q1 - q0 - p, in a vector that the next call overwrites; y, with the extra unknown at
+                its end; and the number of Newton iterations.
 
         Raises:
             NotConverged: with PETSc's reason and where the residual is largest.
@@ -261,6 +312,10 @@ class Newton:
         # there.
         increment.copy(self._linearisation_point)
         self._linearisation_point.scale(-1.0)
+        self._refusal = None
+        if self._extra is not None:
+            # The fixed coordinates of the first iterate are those of the predicted value.
+            self._extra.apply(float(y[-1]))
         self._fixed_values = self.system.equations.predict(increment)
         self._r.zeroEntries()
         self._r.array[self.system.unknowns.supports.held] = self._fixed_values
@@ -305,24 +360,49 @@ class Newton:
         if reason <= 0:
             message = self._failure_message(reason, iterations)
             linear.recover(self.ksp.getPC())
+            if self._refusal is not None:
+                raise NotConverged(str(self._refusal)) from self._refusal
             raise NotConverged(message)
+
+    # ---- linear systems at a solution ------------------------------------------------------------
+
+    def factorise(self, coupling: Coupling) -> None:
+        """Factorise the matrix (1) of `solvers.linear`, of the tangent that was assembled last and
+        of a coupling as of `with_border`, for `solve_linear`.  Collective."""
+        assert self._bordered is not None
+        self._bordered.set(*coupling)
+        self.ksp.getOperators()[0].assemble()
+        # Before a solution uses its factors: one that lacks workspace is repeated with more.
+        factorisation.set_up(self._preconditioner)
+
+    def solve_linear(self, r: PETSc.Vec, s: Array) -> tuple[PETSc.Vec, Array]:
+        """The solution (δz, δy) of that system for a right side (r, s); δz is in a vector that the
+        next call overwrites.  Collective."""
+        self._composite.join(r, s, self._F)
+        self.ksp.solve(self._F, self._x)
+        return self._composite.split(self._x)
 
     # ---- callbacks of PETSc: residual and tangent ------------------------------------------------
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
         """Set F to the residual of (1) and (2) at x, with the strains (3); called by PETSc.
         Collective."""
-        if not self._has_update:
+        if self._refusal is None and self._has_update:
+            try:
+                w, y = self._split(x)
+                w.copy(self._w_evaluated)
+                started = time.perf_counter()
+                self.system.equations.set_increment(w, self._linearisation_point)
+                self._add_time("law", started)
+                self._evaluate(y, F)
+            except InputError as refusal:
+                if self._extra is None:
+                    raise
+                self._refusal = refusal
+        if self._refusal is not None or not self._has_update:
             # Laws and contacts have nothing to compute at infinite positions; NaN ends the
             # iteration.
             F.set(math.nan)
-            return
-        w, y = self._split(x)
-        w.copy(self._w_evaluated)
-        started = time.perf_counter()
-        self.system.equations.set_increment(w, self._linearisation_point)
-        self._add_time("law", started)
-        self._evaluate(y, F)
 
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
         """Set F to the residual with the strains that the system has, and store its norms.
@@ -335,18 +415,38 @@ class Newton:
         self._composite.join(self._r, s, F)
 
     def _residuals(self, y: Array) -> Array:
-        """Set the vector `_r` to r of (1), and return s of (2).  Collective."""
-        return self.system.equations.residual(y, self._r)
+        """Set the vector `_r` to r of (1), and return s of (2) and that of the extra unknown.
+        Collective."""
+        self._y = y
+        if self._extra is None:
+            return self.system.equations.residual(y, self._r)
+        s = self.system.equations.residual(y[:-1], self._r)
+        return np.append(s, self._extra.residual(self._w_evaluated, float(y[-1])))
 
-    def _coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+    def _coupling(self) -> Coupling:
         """Columns of G, columns of H, and C of (1) of `solvers.linear`: the coupling of all scalar
-        unknowns with the coordinates, as `Matrices.coupling` returns it."""
-        return self.system.matrices.coupling()
+        unknowns with the coordinates, as `Matrices.coupling` returns it, that of the extra unknown
+        last.  Collective."""
+        coupling = self.system.matrices.coupling()
+        if self._extra is None:
+            return coupling
+        try:
+            border = self._extra.border(self._w_evaluated, self._y, self._linearisation_point)
+        except InputError as refusal:
+            # The next residual ends the iteration; up to there the matrix has to be regular.
+            self._refusal = refusal
+            nothing = np.zeros(self._composite.n)
+            border = nothing, nothing, np.append(np.zeros(len(self._y) - 1), 1.0)
+        return with_border(coupling, border)
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
         """w and y of x; fixed coordinates get their values, which not every linear solver keeps
         exactly."""
         w, y = self._composite.split(x)
+        if self._extra is not None:
+            changed = self._extra.apply(float(y[-1]))
+            if changed is not None:
+                self._fixed_values = changed
         w.array[self.system.unknowns.supports.held] = self._fixed_values
         return w, y
 
@@ -438,6 +538,11 @@ class Newton:
     def round_off(self) -> float:
         """Residual [N] that round-off alone explains in the last solve."""
         return self.convergence.round_off
+
+    @property
+    def imbalance(self) -> float:
+        """Norm of the residual [N] that was evaluated last in a solve."""
+        return self._residual.imbalance
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """The test of convergence: 0 to go on, or PETSc's code of convergence (> 0) or divergence
