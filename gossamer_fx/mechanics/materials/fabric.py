@@ -177,7 +177,8 @@ class Fabric(FilmLaw):
 
     def _linear(self, c: Any) -> SimpleNamespace:
         """K1, K2 and k1, k2, ν12, ν21 of (2)."""
-        K1, K2 = (self._corners(name, c)[1][0] for name in CURVES[:2])
+        K1 = self._corners("warp", c)[1][0]
+        K2 = self._corners("weft", c)[1][0]
         ν12 = c.contraction
         ν21 = ν12 * K2 / K1
         return SimpleNamespace(
@@ -214,31 +215,33 @@ class Fabric(FilmLaw):
         """The four cones (2), each met in one interval; in each the stress is linear but for
         corners."""
         m = self._linear(c)
-        ends = [in_axes(e, c) for e in (e0, e1)]
-        first = [(e[0], e[1], e[0] + m.ν21 * e[1], e[1] + m.ν12 * e[0]) for e in ends]
-        along = dict(zip(("e1", "e2", "u1", "u2"), zip(*first, strict=True), strict=True))
+        start = in_axes(e0, c)
+        end = in_axes(e1, c)
+        # Values at both ends of the path of what has a sign in each cone, and the margin by which
+        # strains of round-off count as those of an unstrained film, which is taut.
+        along = {
+            "e1": (start[0], end[0]),
+            "e2": (start[1], end[1]),
+            "u1": (start[0] + m.ν21 * start[1], end[0] + m.ν21 * end[1]),
+            "u2": (start[1] + m.ν12 * start[0], end[1] + m.ν12 * end[0]),
+        }
         margin = {"e1": 0.0, "e2": 0.0, "u1": ROUND_OFF, "u2": ROUND_OFF}
 
         def interval(*signs: tuple[str, float]) -> tuple[Expr, Expr]:
             """Where all of these have their signs."""
-            start, end = ufl.as_ufl(0.0), ufl.as_ufl(1.0)
+            first = ufl.as_ufl(0.0)
+            last = ufl.as_ufl(1.0)
             for name, sign in signs:
-                a, b = (sign * (y + margin[name]) for y in along[name])
-                passes = ufl.lt(a * b, 0.0)
-                root = a / ufl.conditional(passes, a - b, 1.0)
-                # Never: the interval is empty.
-                never = ufl.And(ufl.le(a, 0.0), ufl.le(b, 0.0))
-                rises = ufl.conditional(ufl.lt(a, 0.0), root, 0.0)
-                falls = ufl.conditional(ufl.lt(a, 0.0), 1.0, root)
-                start = ufl.max_value(start, ufl.conditional(passes, rises, 0.0))
-                end = ufl.min_value(
-                    end, ufl.conditional(passes, falls, ufl.conditional(never, 0.0, 1.0))
-                )
-            return start, ufl.max_value(start, end)
+                a, b = (sign * (value + margin[name]) for value in along[name])
+                begin, cease = _positive_interval(a, b)
+                first = ufl.max_value(first, begin)
+                last = ufl.min_value(last, cease)
+            return first, ufl.max_value(first, last)
 
         def stress(of_Q: Callable[[Expr], tuple[Any, Any]]) -> Callable[[Expr, Expr], Expr]:
             def mean(ea: Expr, eb: Expr) -> Expr:
-                a, b = in_axes(ea, c), in_axes(eb, c)
+                a = in_axes(ea, c)
+                b = in_axes(eb, c)
                 parts = zip((*of_Q((a + b) / 2), 0.0), self._rest(a, b, m, c), strict=True)
                 return self._out_of_axes([linear + rest for linear, rest in parts], c)
 
@@ -308,11 +311,14 @@ class Fabric(FilmLaw):
             warp, weft: engineering strains, above -1.
             shear: γ = 2 E12 [rad].
         """
-        (K1, _), (K2, _) = (self._slope_range(name) for name in CURVES[:2])
+        K1 = self._slope_range("warp")[0]
+        K2 = self._slope_range("weft")[0]
         ν12 = self.contraction
         ν21 = ν12 * K2 / K1
-        e1, e2 = (x + x**2 / 2 for x in (warp, weft))
-        N1, N2 = 0.0, 0.0
+        e1 = warp + warp**2 / 2
+        e2 = weft + weft**2 / 2
+        N1 = 0.0
+        N2 = 0.0
         if e1 + ν21 * e2 >= 0 and e2 + ν12 * e1 >= 0:
             N1 = K1 * (e1 + ν21 * e2) / (1 - ν12 * ν21)
             N2 = K2 * (e2 + ν12 * e1) / (1 - ν12 * ν21)
@@ -344,6 +350,17 @@ class FirstStiffness(FilmLaw):
 
     def energy(self, e: Expr, c: Any) -> Expr:
         return self.fabric.first_energy(e, c)
+
+
+def _positive_interval(a: Expr, b: Expr) -> tuple[Expr, Expr]:
+    """Where on [0, 1] a number is positive that goes linearly from a to b; (0, 0) if nowhere."""
+    passes = ufl.lt(a * b, 0.0)
+    root = a / ufl.conditional(passes, a - b, 1.0)
+    is_never = ufl.And(ufl.le(a, 0.0), ufl.le(b, 0.0))
+    begin = ufl.conditional(ufl.lt(a, 0.0), root, 0.0)
+    cease = ufl.conditional(ufl.lt(a, 0.0), 1.0, root)
+    whole = ufl.conditional(is_never, 0.0, 1.0)
+    return ufl.conditional(passes, begin, 0.0), ufl.conditional(passes, cease, whole)
 
 
 def _half_square(y: Expr) -> Callable[[Expr], Expr]:
