@@ -9,7 +9,7 @@ import numpy as np
 
 import gossamer_fx as gx
 from gossamer_fx.extend import Array
-from gossamer_fx.mechanics.orbit.optics import Arrays, flow_coefficients
+from gossamer_fx.orbit.optics import Arrays, flow_coefficients
 
 EARTH = 6378137.0  # equatorial radius [m], WGS 84
 

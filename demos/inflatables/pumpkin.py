@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from scipy.constants import g as standard_gravity
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import fsolve
 
@@ -38,7 +39,6 @@ import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import draw_films, triangles
 from gossamer_fx.extend import Array
-from gossamer_fx.mechanics.loads.pressure import STANDARD_GRAVITY
 
 # Radius over half the length of a meridian, of the mylar balloon.
 RADIUS = 0.762759764
@@ -50,7 +50,7 @@ FOOT_PRESSURE = 30.0  # of the heavy gas over the air at the lower pole [Pa]
 AIR_DENSITY = 1.225  # kg/m³
 HELIUM_DENSITY = 0.169  # kg/m³
 # Rise of the pressure over that of the air with the height [Pa/m]
-HEAD = (AIR_DENSITY - HELIUM_DENSITY) * STANDARD_GRAVITY
+HEAD = (AIR_DENSITY - HELIUM_DENSITY) * standard_gravity
 APART = 0.1  # m, of gores that are seen before they are sewn
 FILM = gx.Miyazaki(E=1e8, nu=0.3, density=920.0, thickness=2e-5, residual_stiffness=1e-4)
 

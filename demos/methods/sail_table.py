@@ -50,7 +50,7 @@ from demos.common.figures import (
     triangles,
 )
 from gossamer_fx.extend import Array
-from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE, Arrays, light_force
+from gossamer_fx.orbit.optics import JPL_SAIL, PRESSURE, Arrays, light_force
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 
 # Side of the frame, and its centre, about which the torque acts.

@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from scipy.constants import astronomical_unit
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
@@ -41,8 +42,7 @@ from demos.common.figures import (
 )
 from demos.common.spinning import RPM
 from gossamer_fx.extend import Array
-from gossamer_fx.mechanics.orbit.optics import Arrays, light_force
-from gossamer_fx.mechanics.orbit.sky import AU, MU_SUN
+from gossamer_fx.orbit.optics import Arrays, light_force
 
 AREA = 173.0  # of the sail [m²]
 INERTIA = 770.0  # about the axis of spin [kg m²]
@@ -50,6 +50,7 @@ ARM = 4.7  # from the axis to the centre of a petal [m]
 MASS = 300.0  # kg
 DISTANCE = 1.03  # from the sun [au]
 RADIUS_OF_THE_SUN = 6.957e8  # m
+MU_SUN = 1.32712440018e20  # gravitational parameter [m³/s²]
 FLIGHT = -2.7e-5  # torque about the axis of spin in flight [N m]
 OPTICS = gx.orbit.Optics(0.8, 0.9, emissivity=0.05, lambertian=0.79)
 # Pressure of sunlight at 1 au on a black face [Pa].
@@ -213,7 +214,7 @@ def main(
         torque about the spin axis [N m], its formula, its ratio to the flight's, days from 1 to 0.4
         rpm by it.
     """
-    orbit = round_the_sun(gx.orbit.Elements(DISTANCE * AU))
+    orbit = round_the_sun(gx.orbit.Elements(DISTANCE * astronomical_unit))
     # Light travels along x at the start.  The axis of spin is tilted from it by the sun angle.
     axis = np.array([math.cos(sun_angle), math.sin(sun_angle), 0.0])
     attitude = np.column_stack([(0.0, 0.0, 1.0), np.cross(axis, (0.0, 0.0, 1.0)), axis])

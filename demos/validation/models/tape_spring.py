@@ -30,7 +30,6 @@ from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx import Mesh
 from gossamer_fx.extend import check
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
-from gossamer_fx.records.fields.fields import positions
 
 # Half of the length over the width of the tape: four widths beyond, ends do not change the moment.
 HALF_LENGTH = 4.0
@@ -316,7 +315,7 @@ class FoldedTape:
     def fold_radius(self) -> float:
         """Radius [m] of the circle nearest to the middle line of the tape within the fold."""
         space = self.plate.space
-        x = positions(self._search, self.plate)
+        x = gx.fields.positions(self._search, self.plate)
         X = space.tabulate_dof_coordinates()[: len(x)]
         on_middle = np.isclose(X[:, 1], self._tape.width / 2)
         in_fold = X[:, 0] <= MEASURED_SHARE * self._tape.radius * abs(self._turn)
