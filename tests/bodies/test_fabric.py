@@ -12,6 +12,7 @@ from dolfinx import fem
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
+from tests.strain_samples import SQUARE, Samples
 
 WARP = ([0.0, 0.01, 0.03], [0.0, 2e3, 20e3])
 WEFT = ([0.0, 0.005, 0.02, 0.05], [0.0, 500.0, 6e3, 30e3])
@@ -94,6 +95,79 @@ def test_the_average_stress_of_a_step_does_the_work_of_its_energy(comm):
         found = [fem.assemble_scalar(form) for form in forms]
         assert found[2] == pytest.approx(1.0, rel=1e-12)
         assert found[1] == pytest.approx(found[0], rel=1e-11, abs=1e-11)
+
+
+def in_its_axes(law: gx.materials.Fabric):
+    """Constants of a law whose warp is the first axis of its film."""
+    c = law.constants(SQUARE)
+    c.cosine = 1.0
+    c.sine = 0.0
+    return c
+
+
+# Engineering strains of warp and weft, and the yarns that are taut: on the first piece of the
+# curves and beyond their corners.
+STATES = [
+    (0.004, 0.003, "both"),
+    (0.02, 0.04, "both"),
+    (0.02, -0.002, "both"),
+    (-0.0005, 0.04, "both"),
+    (0.02, -0.03, "warp"),
+    (-0.03, 0.04, "weft"),
+    (-0.03, -0.02, "none"),
+    (-0.001, -0.03, "none"),
+]
+
+
+@pytest.mark.parametrize("residual", [0.0, 0.2])
+@pytest.mark.parametrize(("x", "y", "taut"), STATES)
+@pytest.mark.parametrize("shear", [0.01, -0.05])
+def test_tensions_are_the_derivative_of_the_energy_in_every_state(x, y, taut, shear, residual):
+    law = fabric(residual_stiffness=residual)
+    c = in_its_axes(law)
+
+    def stress(e):
+        e = ufl.variable(e)
+        return ufl.diff(law.energy(e, c), e)
+
+    e = np.array([[x + x**2 / 2, y + y**2 / 2, shear]])
+    S = Samples(stress)(e)[0]
+    tensions = law.tensions(x, y, shear)
+    assert tensions == pytest.approx((S[0] * (1 + x), S[1] * (1 + y), S[2]), rel=1e-12, abs=1e-12)
+    state = int(Samples(lambda e: law.state(e, c) * 1.0)(e)[0, 0])
+    assert state == {"both": 2, "warp": 1, "weft": 1, "none": 0}[taut]
+    if residual == 0:
+        is_pulled = [tension > 0 for tension in tensions[:2]]
+        assert is_pulled == [taut in ("both", "warp"), taut in ("both", "weft")]
+        assert all(tension >= 0 for tension in tensions[:2])
+
+
+@pytest.mark.parametrize(("name", "curve"), [("warp", WARP), ("weft", WEFT), ("shear", SHEAR)])
+def test_a_yarn_alone_has_the_tensions_of_its_curve(name, curve):
+    """The other one is slack, as in a test of a strip; beyond the last point the slope stays."""
+    law = fabric(residual_stiffness=0.0)
+    for strain, tension in zip(*curve, strict=True):
+        if name == "shear":
+            assert law.tensions(0.0, 0.0, strain) == pytest.approx((0.0, 0.0, tension))
+            assert law.tensions(0.0, 0.0, -strain) == pytest.approx((0.0, 0.0, -tension))
+            continue
+        strains = (strain, -0.1) if name == "warp" else (-0.1, strain)
+        expected = (tension, 0.0) if name == "warp" else (0.0, tension)
+        assert law.tensions(*strains, 0.0) == pytest.approx((*expected, 0.0))
+    if name == "shear":
+        assert law.tensions(0.0, 0.0, 0.18)[2] == pytest.approx(400.0 + 2500.0 * 0.08)
+
+
+def test_the_stiffness_without_wrinkles_is_that_of_small_taut_strain():
+    """The energy by which damping acts is that of the fabric below the first corners, and is the
+    same for compression."""
+    law = fabric(residual_stiffness=0.0)
+    c = in_its_axes(law)
+    e = np.array([[4e-3, 2e-3, 0.0], [4e-3, -1e-3, 3e-3], [-1e-4, 3e-3, -0.015]])
+    energy = Samples(lambda e: law.energy(e, c))(e)
+    unwrinkled = Samples(lambda e: law.unwrinkled().energy(e, c))
+    np.testing.assert_allclose(unwrinkled(e), energy, rtol=1e-12)
+    np.testing.assert_allclose(unwrinkled(-e), energy, rtol=1e-12)
 
 
 @pytest.mark.mpi
