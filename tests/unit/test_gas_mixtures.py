@@ -341,6 +341,18 @@ def test_the_enthalpy_is_the_integral_of_the_specific_heat(T):
         assert slopes[0, 0] == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize(("end", "outward"), [(0, -1.0), (-1, 1.0)])
+def test_the_specific_heat_is_constant_outside_of_the_ranges(end, outward):
+    """That of the nearest end, so that the enthalpy goes on along its tangent there."""
+    gas = HOT_NITROGEN
+    T = gas.temperatures[end]
+    beyond = T + outward * 50.0
+    assert gas.heat_capacity(beyond) == pytest.approx(gas.heat_capacity(T), rel=1e-14)
+    assert gas.heat_ratio(beyond) == pytest.approx(gas.heat_ratio(T), rel=1e-14)
+    change = (gas.heat_capacity(T) + gas.R) * (beyond - T)
+    assert gas.enthalpy(beyond) - gas.enthalpy(T) == pytest.approx(change, rel=1e-12)
+
+
 def test_a_hot_gas_cools_with_the_energy_that_its_wall_takes():
     """Closed: U falls by the heat of the wall, and is m u(T) at the end; from 2000 K to 300 K."""
     vessel = tank(0.01, 5e5, CARBON_DIOXIDE, "vessel", temperature=2000.0)
