@@ -11,7 +11,7 @@ from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.gas.laws import heat_law
+from gossamer_fx.mechanics.gas.laws import GasAtEnd, heat_law
 from gossamer_fx.mechanics.gas.mixture import Blend
 from gossamer_fx.presets.gases import CARBON_DIOXIDE, HELIUM, HOT_NITROGEN, NITROGEN
 from tests.differences import pressure_by_differences
@@ -299,6 +299,27 @@ def test_gradients_of_a_mixture_are_those_of_differences(name, argument, value):
         return gx.Simulation(scene, gx.Midpoint(dt=1e-3, tolerances=tolerances))
 
     pressure_by_differences(make, name, value, until=0.03, chamber="cylinder")
+
+
+@pytest.mark.parametrize("T", [300.0, 1500.0])
+def test_a_mixture_has_the_mean_properties_of_its_mass(T):
+    """Also as an opening sees it, at another temperature than that of its end."""
+    shares = {HELIUM: 0.2, HOT_NITROGEN: 0.5, CARBON_DIOXIDE: 0.3}
+    mixture = gx.gas.Mixture(shares)
+
+    def mean(quantity):
+        return sum(share * quantity(gas) for gas, share in shares.items())
+
+    R = mean(lambda gas: gas.R)
+    c_v = mean(lambda gas: gas.heat_capacity(T))
+    assert mixture.R == pytest.approx(R, rel=1e-14)
+    at_end = GasAtEnd(mixture.species, (1e5, 250.0, R, 1.7), mixture.fractions)
+    for gas in (mixture, at_end):
+        assert gas.heat_capacity(T) == pytest.approx(c_v, rel=1e-14)
+        # γ is the ratio of the specific heats at constant pressure and at constant volume.
+        assert gas.heat_ratio(T) == pytest.approx((c_v + R) / c_v, rel=1e-14)
+        assert gas.energy(T) == pytest.approx(mean(lambda one: one.energy(T)), rel=1e-14)
+        assert gas.enthalpy(T) == pytest.approx(mean(lambda one: one.enthalpy(T)), rel=1e-14)
 
 
 # ---- gases with specific heats that change -------------------------------------------------------
