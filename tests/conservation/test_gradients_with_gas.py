@@ -218,6 +218,22 @@ PARAMETERS = [
 ]
 
 
+@pytest.mark.parametrize("make", [airbag_from_a_tank, airbag_with_a_valve, cylinder_with_a_piston])
+def test_a_parameter_has_the_value_that_the_scene_gives_it(comm, make):
+    """One, the factor of a function, where a function of time gives the area."""
+    scene, dt, _ = make(comm)
+    run = gx.Simulation(scene, gx.Midpoint(dt=dt))
+    adjoint = run.system.equations.scalar_unknowns[0].adjoint()
+    openings = [item for item in scene.items if isinstance(item, gx.Orifice)]
+    ends = [end for opening in openings for end in (opening.a, opening.b)]
+    items = {item.name: item for item in [*scene.items, *ends]}
+    given = [case for case in PARAMETERS if case[0] is make and not case[2].startswith("film.")]
+    for _, _, parameter, _, value in given:
+        name, _, what = parameter.rpartition(".")
+        assert what in adjoint.names_of(items[name])
+        assert adjoint.value(items[name], what) == pytest.approx(value, rel=1e-15)
+
+
 @cache
 def linearised(make, chamber: str) -> gx.analysis.Gradient:
     """The pressure in a chamber at the end, with its derivatives by all parameters of the scene."""

@@ -319,7 +319,7 @@ class Balance:
             "V0": np.zeros(n),
             "pV0": np.zeros(n),
             "T0": np.zeros(n),
-            "theta": np.full(n, 0.5),
+            "theta": np.zeros(n),
             "amplification": np.zeros(n),
             "exponent": np.zeros(n),
             "wall_theta": np.zeros(w),
