@@ -331,7 +331,8 @@ def _fails(tree: Path, command: Sequence[str], longest: float = math.inf) -> boo
 def run_mutants(parts: Sequence[str], count: int, seed: int) -> bool:
     """Try a sample of mutants of each part; returns whether enough were found, and no survivor is
     new."""
-    known = json.loads(SURVIVORS.read_text(encoding="utf-8")) if SURVIVORS.exists() else {}
+    # Of each part the survivors by their keys, with the reason for which each is left.
+    known = json.loads(SURVIVORS.read_text(encoding="utf-8"))
     all_well = True
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "project"
@@ -445,8 +446,9 @@ def store(name: str, output: str) -> Path:
     return path
 
 
-def run_jitter(names: Sequence[str], times: int) -> bool:
-    """Run quick forms of studies from moved starts; returns whether none ended by an error or hung.
+def run_jitter(names: Sequence[str], times: int, first: int) -> bool:
+    """Run quick forms of studies from moved starts, whose random numbers have the seeds from
+    `first` on; returns whether none ended by an error or hung.
     Prints the rate with the upper bound of its 95 % interval, and how many have other figures: a
     figure that is round-off, exact, or measured from the start differs from a start that is moved.
     """
@@ -457,7 +459,7 @@ def run_jitter(names: Sequence[str], times: int) -> bool:
     differences = []
     tries = 0
     # All studies once, then all once more: a run that is cut short has tried each of them.
-    for seed in range(times):
+    for seed in range(first, first + times):
         for name in chosen:
             tries += 1
             verdict, output = run_from_moved_start(script, name, seed)
@@ -485,11 +487,11 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("names", nargs="*", help="studies, or parts of the code")
     parser.add_argument("--times", type=int, default=10, help="starts of each study")
     parser.add_argument("--count", type=int, default=40, help="mutants of each part")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="of the sample, or of the first start")
     options = parser.parse_args(words)
     is_well = True
     if options.what in (None, "jitter"):
-        is_well = run_jitter(options.names if options.what else (), options.times)
+        is_well = run_jitter(options.names if options.what else (), options.times, options.seed)
     if options.what in (None, "mutants"):
         parts = options.names if options.what and options.names else list(PARTS)
         is_well = run_mutants(parts, options.count, options.seed) and is_well

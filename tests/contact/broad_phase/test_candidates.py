@@ -10,7 +10,12 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.broad_phase.candidates import TrajectoryBounds, find_candidates
+from gossamer_fx.mechanics.contact.broad_phase.candidates import (
+    MAX_HORIZON,
+    WAY_MARGIN,
+    TrajectoryBounds,
+    find_candidates,
+)
 from gossamer_fx.mechanics.contact.pairs import closest_points
 from gossamer_fx.meshes.sheet import sheet
 from tests.contact.broad_phase.test_trajectory_bounds import TURN, drifted
@@ -94,3 +99,34 @@ def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
     assert contact_set.search.count <= 4
     # 3 films of 98 nodes have some 1e5 pairs; those within reach are a few.
     assert len(contact_set.candidates) <= 100
+
+
+def test_searches_become_rare_while_bodies_keep_their_velocities() -> None:
+    """Two films part, each at 0.5 m/s.  A search for h steps serves for these and until its margin
+    is used up, which is half of the activation distance and a part of the way."""
+    dt = 1e-3
+    distance = 1e-3
+    speed = 0.5
+    films = [
+        gx.Membrane(
+            sheet(MPI.COMM_SELF, 2, 2, 0.3, 0.3),
+            gx.Linear(E=1e6, nu=0.3, density=1400.0, thickness=1e-4),
+            name=f"film {side}",
+            displacement=lambda X, side=side: np.outer([0, 0, 0.03 * side], 1 + 0 * X[0]),
+            velocity=lambda X, side=side: np.outer([0, 0, speed * side], 1 + 0 * X[0]),
+        )
+        for side in (-1, 1)
+    ]
+    run = gx.Simulation(gx.Scene(gx.Contact(*films, distance=distance)), gx.Midpoint(dt=dt))
+    search = run.system.equations.active_sets[0].search
+    counts = [search.count]
+    for step in range(130):
+        run.run(until=(step + 1) * dt)
+        counts.append(search.count)
+    searched_at = np.flatnonzero(np.diff(counts))
+    # The search at rest serves for none of the first steps: the next one is for a single step.
+    horizons = [min(2**k, MAX_HORIZON) for k in range(len(searched_at) - 1)]
+    margin_in_steps = distance / 2 / (speed * dt)
+    served = [int((1 + WAY_MARGIN) * h + margin_in_steps) for h in horizons]
+    assert searched_at[0] == 0
+    assert np.diff(searched_at).tolist() == served

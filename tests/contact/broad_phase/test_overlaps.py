@@ -9,6 +9,7 @@ from gossamer_fx.mechanics.contact.broad_phase.box_tree import (
     Nearness,
     OverlappingPairs,
     find_overlaps,
+    morton_order,
 )
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.pairs import (
@@ -134,3 +135,23 @@ def test_candidates_are_those_of_ipctk() -> None:
     # Many pairs, so that equality is not accidental.
     assert len(ours) > 10_000
     assert ours == expected
+
+
+def test_boxes_are_ordered_along_a_morton_curve() -> None:
+    """The bits of the three coordinates alternate in the order, that of z first; boxes at one point
+    stay in their order."""
+    size = 8
+    points = np.indices((size, size, size)).reshape(3, -1).T
+    points = np.random.default_rng(4).permutation(np.vstack([points, points]))
+
+    def code(point: np.ndarray) -> int:
+        x, y, z = (int(coordinate) for coordinate in point)
+        bits = ((z >> k & 1, y >> k & 1, x >> k & 1) for k in (2, 1, 0))
+        return int("".join(str(bit) for three in bits for bit in three), base=2)
+
+    expected = sorted(range(len(points)), key=lambda number: code(points[number]))
+    middle = 0.3 * points - 2.0
+    boxes = np.hstack([middle - 0.1, middle + 0.1])
+    assert morton_order(boxes).tolist() == expected
+    # Neither the size of the boxes nor that of the scene counts.
+    assert morton_order(1e3 * boxes).tolist() == expected

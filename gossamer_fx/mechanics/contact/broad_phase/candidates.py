@@ -235,8 +235,8 @@ class TrajectoryBounds:
 # more candidates, a smaller one more searches.
 WAY_MARGIN = 0.3
 
-# Steps for which one search shall serve: at first, and at most.  The number doubles when a search
-# served to its end, and falls to what was reached when it did not.
+# Steps for which one search shall serve: one at rest, and any at most.  The number doubles when a
+# search served to its end, and falls to what was reached when it did not.
 FIRST_HORIZON = 4
 MAX_HORIZON = 32
 
@@ -337,10 +337,10 @@ class CandidateSearch:
         step and some after it; collective.  `time`: at the start of the step [s]; `step`: its
         length [s].
 
-        The number of steps is `FIRST_HORIZON` at first.  It doubles, up to `MAX_HORIZON`, after a
-        search that served for all its steps; after one that served for fewer, but at least for one,
-        it is the number of these.  A horizon that finds too many candidates is halved, and not
-        tried again for `PATIENCE` searches.
+        The number of steps doubles, up to `MAX_HORIZON`, after a search that served for all its
+        steps; after one that served for fewer, but at least for one, it is the number of these.  A
+        search at rest counts as one for `FIRST_HORIZON` steps.  A horizon that finds too many
+        candidates is halved, and not tried again for `PATIENCE` searches.
 
         `read` returns the points that this rank knows when it is called; it is called again after
         facets of other ranks were added.
