@@ -79,7 +79,11 @@ PARTS = {
     ),
     "contact": (
         "gossamer_fx/mechanics/contact",
-        ("tests/contact", "tests/statics/test_contact_at_rest.py"),
+        (
+            "tests/contact",
+            "tests/statics/test_contact_at_rest.py",
+            "tests/unit/test_solids_seen.py",
+        ),
     ),
     "gas": (
         "gossamer_fx/mechanics/gas",

@@ -57,6 +57,65 @@ def test_rooms_and_planes_are_lines(inside) -> None:
     assert np.ptp(plane.X[:, 0]) == pytest.approx(2.4)  # a little larger than what is before it
 
 
+def gap_to_balls(X: np.ndarray, first, second, radii) -> np.ndarray:
+    """Gaps [m] of points (n, 3) to all balls whose centres and radii go from one to the other."""
+    share = np.linspace(0.0, 1.0, 4001)
+    centres = np.outer(1 - share, first) + np.outer(share, second)
+    radius = (1 - share) * radii[0] + share * radii[1]
+    distances = np.linalg.norm(X[:, None] - centres, axis=2)
+    return (distances - radius).min(axis=1)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_drawn_points_are_on_the_surface(inside) -> None:
+    """Of a ball, of a mast, and of a frustum, whose mantle goes through both circles."""
+    sphere = gx.contact.Sphere(centre=(1, 2, 3), radius=0.5, inside=inside).solid(NEAR)
+    assert np.abs(gap_to_balls(sphere.X, (1, 2, 3), (1, 2, 3), (0.5, 0.5))).max() < 1e-12
+    ends = np.array([[0.1, 0.0, 0.2], [0.4, 2.0, 0.3]])
+    mast = gx.contact.Cylinder(start=ends[0], end=ends[1], radius=0.3, inside=inside).solid(NEAR)
+    assert np.abs(gap_to_balls(mast.X, *ends, (0.3, 0.3))).max() < 1e-6
+    # A line of the mantle from one circle to the other stands on the radii of both balls there.
+    radii = np.array([0.6, 0.2])
+    between = ends[1] - ends[0]
+    length = np.linalg.norm(between)
+    slope = (radii[0] - radii[1]) / length
+    centres = ends - slope * radii[:, None] * between / length
+    frustum = gx.contact.Cone(start=ends[0], end=ends[1], radii=tuple(radii), inside=inside)
+    cone = frustum.solid(NEAR)
+    assert np.abs(gap_to_balls(cone.X, *centres, np.hypot(1, slope) * radii)).max() < 1e-6
+    # Both circles are among its lines, and lines along it join them.
+    along = (cone.X - ends[0]) @ between / length
+    across = np.linalg.norm(cone.X - ends[0] - np.outer(along, between / length), axis=1)
+    for height, radius in zip((0.0, length), radii, strict=True):
+        on_circle = np.flatnonzero((abs(along - height) < 1e-9) & (abs(across - radius) < 1e-9))
+        is_on = np.isin(cone.lines, on_circle)
+        assert is_on.all(axis=1).sum() == len(on_circle) >= 16
+        # Of each line along the mantle two pieces end on the circle, on its two sides.
+        assert (is_on.sum(axis=1) == 1).sum() == 2 * 4
+
+
+def test_a_plane_is_a_square_grid_in_the_middle_of_what_is_near() -> None:
+    near = np.array([[1.0, -1.0, 0.0], [4.0, 0.5, 0.5], [2.0, 0.0, 1.0]])
+    normal = np.array([1.0, 2.0, 2.0]) / 3
+    point = np.array([0.3, 0.2, -1.0])
+    plane = gx.contact.Plane(point=tuple(point), normal=tuple(5 * normal)).solid(near)
+    assert np.abs((plane.X - point) @ normal).max() < 1e-14
+    middle = np.array([2.5, -0.25, 0.5])
+    seen = middle - (middle - point) @ normal * normal
+    assert plane.X.mean(axis=0) == pytest.approx(seen, abs=1e-12)
+    starts, ends = (plane.X[column] for column in plane.lines.T)
+    # 1.2 of the largest size, 3 m along x
+    assert np.linalg.norm(ends - starts, axis=1) == pytest.approx(3.6, rel=1e-12)
+    directions = (ends - starts) / 3.6
+    first = np.abs(directions @ directions[0])
+    assert sorted(np.round(first, 12)) == [0.0] * 7 + [1.0] * 7
+    # The middles of seven parallel lines are at equal distances from side to side of the square.
+    for family in (first > 0.5, first < 0.5):
+        middles = ((starts + ends) / 2)[family]
+        steps = np.linalg.norm(np.diff(middles, axis=0), axis=1)
+        assert steps == pytest.approx(0.6, rel=1e-12)
+
+
 @pytest.mark.mpi
 def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
     film = gx.Membrane(sheet(comm, 2, 2, 0.1, 0.1), WRINKLING)
