@@ -7,6 +7,7 @@ import pytest
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.mechanics.contact.geometry.facets import DistributedRows
+from gossamer_fx.mechanics.contact.geometry.surface_share import SharedPoints, SurfacePoints
 
 
 @pytest.mark.mpi
@@ -56,3 +57,35 @@ def test_answers_come_back_in_the_order_of_the_questions(comm):
     assert np.array_equal(answers[:, 1], ranks)
     # Messages go only to ranks for which there are rows.
     assert exchange.message_count == len(set(ranks.tolist()) - {comm.rank})
+
+
+@pytest.mark.mpi
+def test_a_point_has_one_value_on_all_ranks_that_know_it(comm):
+    """That of its owner, the least one, or the sum; each rank knows most of twelve points, of which
+    the ranks own every second, or third and so on."""
+    rng = np.random.default_rng(comm.rank)
+    every: np.ndarray = np.arange(12)
+    owner = every % comm.size
+    number = every[(owner == comm.rank) | (rng.uniform(size=12) < 0.7)]
+    nothing = np.zeros(len(number), dtype=np.int64)
+    points = SurfacePoints(
+        number=number, owner=owner[number], body=nothing, node=number, area=np.ones(len(number))
+    )
+    shared = SharedPoints(comm, points)
+    assert np.array_equal(shared.is_own, owner[number] == comm.rank)
+
+    values = rng.uniform(size=len(number))
+    of_ranks = comm.allgather((comm.rank, number, values))
+    table = np.full((comm.size, 12), np.nan)
+    for rank, numbers, values_there in of_ranks:
+        table[rank, numbers] = values_there
+
+    spread = values.copy()
+    shared.spread(spread)
+    assert np.array_equal(spread, table[owner[number], number])
+    least = values.copy()
+    shared.take_minimum(least)
+    assert np.array_equal(least, np.nanmin(table, axis=0)[number])
+    sums = values.copy()
+    shared.take_sum(sums)
+    assert sums == pytest.approx(np.nansum(table, axis=0)[number], rel=1e-15)
