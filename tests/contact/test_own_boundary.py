@@ -25,6 +25,14 @@ class InTube(LawBoundary):
         return shape - np.sqrt(rr - ra * ra / aa)
 
 
+class OfAllProducts(LawBoundary):
+    """A distance that depends on all products of the vector from the origin and both directions."""
+
+    @staticmethod
+    def law(rr, ra, rb, aa, ab, bb, shape):
+        return shape * np.sqrt(rr + aa + bb) + ra * rb + 0.3 * ab * ra - 0.2 * ab * bb * rb
+
+
 class Tube(gx.contact.Cylinder):
     """The room of `Cylinder(inside=True)` by its law."""
 
@@ -61,20 +69,21 @@ def test_a_law_is_the_room_that_is_known_in_c(comm):
     assert comm.allreduce(abs(found[0] - found[1]).max(), max) < 2e-3
 
 
-def test_its_derivatives_are_those_of_its_distance():
+@pytest.mark.parametrize("kind", [InTube, OfAllProducts])
+def test_its_derivatives_are_those_of_its_distance(kind):
     """In C and by complex steps, at points and directions of any length."""
     from mpi4py import MPI
 
-    InTube.prepare(MPI.COMM_SELF)
+    kind.prepare(MPI.COMM_SELF)
     rng = np.random.default_rng(3)
     x = rng.normal(size=(4, 3))
     pairs = PairTable(
-        np.array([InTube.number], np.uint8),
+        np.array([kind.number], np.uint8),
         np.array([[0, 1, 2, 3]], np.int32),
         shape=np.array([0.7]),
     )
     s, _ = closest_points(pairs, x)
-    stencil = STENCILS[InTube.number]
+    stencil = STENCILS[kind.number]
     parameters = np.zeros((1, 2))
     value, gradient = stencil.derivatives(x[None], parameters, pairs.shapes)
     assert value[0] == pytest.approx(s[0], rel=1e-14)
