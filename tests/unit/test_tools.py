@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import json
+import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -166,3 +169,42 @@ def test_packages_that_cannot_be_installed_are_named(
     with pytest.raises(SystemExit, match=r"gossamer: sphinx==1 could not be installed from PyPI\."):
         packages.folder_with(["sphinx==1"])
     assert not list(tmp_path.iterdir())
+
+
+def test_survivors_of_mutants_are_mutants_of_the_present_code(tool) -> None:
+    """Each with a reason: one whose line has changed is none any more."""
+    nightly = tool("nightly")
+    known = json.loads(nightly.SURVIVORS.read_text(encoding="utf-8"))
+    for part, (folder, tests) in nightly.PARTS.items():
+        assert nightly.files_of(tests)
+        keys = set()
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            source = path.read_text(encoding="utf-8")
+            start = f"{path.relative_to(ROOT)}: "
+            asked = [key for key in known[part] if key.startswith(start)]
+            if asked:
+                count = sum(1 for _ in nightly._places(ast.parse(source)))
+                keys |= {nightly.mutant_of(path, number).key for number in range(count)}
+        assert set(known[part]) <= keys
+        assert all(reason for reason in known[part].values())
+
+
+def test_a_mutant_meets_the_tests_that_call_its_function(tool) -> None:
+    """Near ones first, then quick ones."""
+    nightly = tool("nightly")
+    mutant = nightly.Mutant("gas/valves.py", "flow", 1, "a + b", "a + b", "a - b", "")
+    called = frozenset({(mutant.path, mutant.function)})
+    files = [
+        nightly.TestFile("tests/test_slow.py", 9.0, called),
+        nightly.TestFile("tests/test_other.py", 1.0, frozenset({(mutant.path, "area")})),
+        nightly.TestFile("tests/test_quick.py", 2.0, called),
+        nightly.TestFile("tests/test_valve_flows.py", 30.0, called),
+    ]
+    ordered = [Path(file.path).stem for file in nightly.nearest_first(mutant, files)]
+    assert ordered == ["test_valve_flows", "test_quick", "test_slow"]
+    # A file whose tests fail without a mutant, or do not end, is noticed.
+    failing = [sys.executable, "-c", "import sys; sys.exit(1)"]
+    waiting = [sys.executable, "-c", "import time; time.sleep(60)"]
+    assert nightly._fails(ROOT, failing)
+    assert nightly._fails(ROOT, waiting, longest=0.5)
+    assert not nightly._fails(ROOT, [sys.executable, "-c", ""])
