@@ -44,7 +44,7 @@ LEAST_FOUND = 0.85
 # Time [s] after which a study hangs.
 LONGEST = 600
 
-# A file of tests hangs after this time [s], and this many times what it takes without an error:
+# A file of tests hangs after this time [s], and this many times its time without an error:
 # compilers and other programs of a busy computer need time, too.
 LONGEST_START = 60
 LONGEST_RATIO = 5
@@ -288,8 +288,8 @@ def nearest_first(mutant: Mutant, files: Sequence[TestFile]) -> list[TestFile]:
 
 
 def is_found(mutant: Mutant, tree: Path, files: Sequence[TestFile]) -> bool:
-    """Whether a test in a copy of the project fails with a mutant on one rank, or one that is marked
-    mpi on two, as of `./gossamer test`; one that hangs counts as found."""
+    """Whether a test in a copy of the project fails with a mutant: on one rank, or one that is
+    marked mpi on two, as of `./gossamer test`.  One that hangs counts as found."""
     callers = nearest_first(mutant, files)
     marked = [file for file in callers if "mark.mpi" in (tree / file.path).read_text("utf-8")]
     target = tree / mutant.path

@@ -310,14 +310,14 @@ def test_a_mixture_has_the_mean_properties_of_its_mass(T):
     def mean(quantity):
         return sum(share * quantity(gas) for gas, share in shares.items())
 
-    R = mean(lambda gas: gas.R)
+    mean_R = mean(lambda gas: gas.R)
     c_v = mean(lambda gas: gas.heat_capacity(T))
-    assert mixture.R == pytest.approx(R, rel=1e-14)
-    at_end = GasAtEnd(mixture.species, (1e5, 250.0, R, 1.7), mixture.fractions)
+    assert mixture.R == pytest.approx(mean_R, rel=1e-14)
+    at_end = GasAtEnd(mixture.species, (1e5, 250.0, mean_R, 1.7), mixture.fractions)
     for gas in (mixture, at_end):
         assert gas.heat_capacity(T) == pytest.approx(c_v, rel=1e-14)
         # γ is the ratio of the specific heats at constant pressure and at constant volume.
-        assert gas.heat_ratio(T) == pytest.approx((c_v + R) / c_v, rel=1e-14)
+        assert gas.heat_ratio(T) == pytest.approx((c_v + mean_R) / c_v, rel=1e-14)
         assert gas.energy(T) == pytest.approx(mean(lambda one: one.energy(T)), rel=1e-14)
         assert gas.enthalpy(T) == pytest.approx(mean(lambda one: one.enthalpy(T)), rel=1e-14)
 
