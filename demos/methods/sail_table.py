@@ -50,8 +50,8 @@ from demos.common.figures import (
     triangles,
 )
 from gossamer_fx.extend import Array
-from gossamer_fx.orbit.optics import JPL_SAIL, PRESSURE, Arrays, light_force
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
+from gossamer_fx.orbit.optics import JPL_SAIL, PRESSURE, Arrays, light_force
 
 # Side of the frame, and its centre, about which the torque acts.
 SIDE = 20.0  # m

@@ -21,8 +21,8 @@ from demos.common.deployment import effort, print_figures
 from demos.common.flight_picture import FlightPicture
 from demos.common.framed_sail import RADIUS, SIDE, SPIN, framed_sail
 from gossamer_fx.extend import Output
-from gossamer_fx.orbit.optics import JPL_SAIL
 from gossamer_fx.meshes.sheet import crossed_sheet
+from gossamer_fx.orbit.optics import JPL_SAIL
 
 STRETCH = 1e-4  # of the film in both directions [1]
 FILM = gx.Miyazaki(E=2.5e9, nu=0.3, density=1400.0, thickness=7.5e-6)

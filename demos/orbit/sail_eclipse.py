@@ -23,8 +23,8 @@ from demos.common.deployment import effort, print_figures
 from demos.common.figures import new_figure, save
 from demos.common.framed_sail import RADIUS, SIDE, SPIN, framed_sail
 from gossamer_fx.extend import Probe
-from gossamer_fx.orbit.optics import JPL_SAIL
 from gossamer_fx.meshes.sheet import crossed_sheet
+from gossamer_fx.orbit.optics import JPL_SAIL
 
 SPRING = 800.0  # stiffness [N/m] of the springs on a metre of the edge
 TENSION = 8.0  # N/m, at which the sail is mounted
