@@ -16,7 +16,7 @@ from gossamer_fx.records.fields.units import plain_text
 from gossamer_fx.records.plot.camera import Camera, aim, render
 from gossamer_fx.records.plot.colours import by_state
 from gossamer_fx.records.plot.picture import NEVER, DrawnRun
-from gossamer_fx.records.plot.run_reader import Tables
+from gossamer_fx.records.plot.run_tables import Tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

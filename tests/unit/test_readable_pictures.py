@@ -142,7 +142,7 @@ def boxes_of_labels(names: list[str]) -> list:
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.plot([0, 1], [0, 1])
-    label_ends(axes, dict.fromkeys(names, (0.9, "black")))
+    label_ends(axes, [(name, 0.9, "black") for name in names])
     figure.draw_without_rendering()
     return [text.get_window_extent() for text in axes.texts], figure.bbox
 

@@ -22,7 +22,6 @@ file that is moved into place when it is complete.  Therefore
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import pickle
@@ -43,6 +42,7 @@ from gossamer_fx.analysis.cases.results import (
     Result,
     Values,
     compute,
+    key_of,
     markdown_table,
     number_names,
     read_result,
@@ -56,18 +56,6 @@ from gossamer_fx.records.outputs.run_file import FileLocks
 
 # Time [s] between two looks for results of other processes.
 _POLLING_INTERVAL = 1.0
-
-# Characters of a run's key in file names: collisions are improbable up to millions of runs.
-_KEY_LENGTH = 12
-
-
-def key_of(values: Values) -> str:
-    """Name of a run's files.
-
-    It depends on the values only, so that other processes and later sweeps find the result.
-    """
-    text = json.dumps(dict(values), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:_KEY_LENGTH]
 
 
 class SharedRuns:

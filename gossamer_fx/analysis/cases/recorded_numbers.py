@@ -27,9 +27,9 @@ def recorded_numbers(comm: MPI.Intracomm, folder: Path) -> dict[str, float]:
 
 def _read_numbers(folder: Path) -> dict[str, float]:
     """What `recorded_numbers` returns, on one rank."""
-    from gossamer_fx.records.plot.run_reader import RunReader
+    from gossamer_fx.records.plot.run_tables import RunTables
 
-    run = RunReader(folder)
+    run = RunTables(folder)
     columns = run.table("probes.csv").items()
     probes = {name: values for name, values in columns if name not in run.not_values}
     numbers = {f"{name} at the end": float(values[-1]) for name, values in probes.items()}

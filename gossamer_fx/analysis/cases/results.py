@@ -7,6 +7,7 @@ drawn against CPU time and against the size of cells or steps.
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import logging
@@ -161,6 +162,9 @@ Outcome = Callable[..., Mapping[str, Any]]
 # Failures that are results.  All other exceptions end a computation of many cases.
 FAILURES: tuple[type[Exception], ...] = (StepFailure, NoEquilibrium)
 
+# Characters of a run's key in file names: collisions are improbable up to millions of runs.
+_KEY_LENGTH = 12
+
 # Of files with several results.  A reader refuses those of another format.
 FORMAT = 2
 
@@ -269,6 +273,15 @@ def _plain(words: str, name: str, number: Any) -> float | list[float]:
     return float(number)
 
 
+def key_of(values: Values) -> str:
+    """Name of a run's files.
+
+    It depends on the values only, so that other processes and later sweeps find the result.
+    """
+    text = json.dumps(dict(values), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:_KEY_LENGTH]
+
+
 # ---- files ---------------------------------------------------------------------------------------
 
 
@@ -329,18 +342,19 @@ def results_as_csv(results: Sequence[Result]) -> str:
 
     Returns:
         a text with a row for each result: values, numbers that are not lists, wall time [s] unless
-        the outcome has its own "seconds", and reason of failure.
+        the outcome has its own "seconds", reason of failure, and name of the folder of the run.
     """
     names: dict[str, None] = {}
     for result in results:
         names |= dict.fromkeys(result.values)
-    names |= dict.fromkeys([*number_names(results), "seconds", "failed"])
+    names |= dict.fromkeys([*number_names(results), "seconds", "failed", "folder"])
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(safe_cells(names))
     for result in results:
         row = {"seconds": result.seconds, **result.values, **result.numbers}
         row["failed"] = result.failed
+        row["folder"] = key_of(result.values)
         writer.writerow(safe_cells(row.get(name, "") for name in names))
     return text.getvalue()
 

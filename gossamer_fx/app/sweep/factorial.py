@@ -1,5 +1,5 @@
-"""Plain sweeps: runs with all combinations of some values, or with a list of values; a table and a
-picture.
+"""Plain sweeps: runs with all combinations of some values, or with a list of values; a table and
+pictures.
 
 The runs are those of `analysis.cases`: any number of processes share them, a run with a result is
 not repeated, and a run that was killed is made again, from its last checkpoint if it writes any.
@@ -26,8 +26,10 @@ from gossamer_fx.analysis.cases.results import (
     value_text,
     values_text,
 )
+from gossamer_fx.app.sweep.run_lines import draw_lines
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,6 +40,9 @@ MAX_RUNS = 10_000
 # Panels of the picture; the table has all numbers.
 _MAX_PANELS = 12
 _MARGIN = 0.05  # of the axis, at both of its ends
+_ALIKE = 1e-6  # relative difference of numbers below which they are one in the picture
+# Errors of balances below this are round-off, of which no curve is drawn.
+_ROUND_OFF = 1e-12
 
 
 @check_arguments
@@ -121,8 +126,8 @@ class Factorial:
 def run_factorial(
     sweep: Factorial, comm: MPI.Intracomm, folder: str | Path, *, executor: Executor | None = None
 ) -> str:
-    """Make the runs of a sweep that its folder lacks; writes runs.csv, sweep.md and sweep.png.
-    Collective.
+    """Make the runs of a sweep that its folder lacks; writes runs.csv, sweep.md, sweep.png and, of
+    runs that were recorded, curves.png.  Collective.
 
     A run whose step or equilibrium fails (`StepFailure`, `NoEquilibrium`) does not end the sweep:
     the tables have the reason, the picture a gap.  Any other exception of an outcome ends the sweep
@@ -152,13 +157,24 @@ def run_factorial(
         title="",
         outcome=sweep.outcome,
         cases=sweep.cases(),
-        draw=lambda results, path: draw(sweep, results, path),
+        draw=lambda results, path: _draw_all(sweep, results, path),
     )
     results = run_cases(cases, comm, Path(folder), verbose=False, executor=executor)
     return cases.table(results)
 
 
-# ---- the picture ---------------------------------------------------------------------------------
+# ---- the pictures --------------------------------------------------------------------------------
+
+
+def _draw_all(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
+    """Draw the numbers of the runs, and the curves of those that were recorded."""
+    draw(sweep, results, path)
+    varied = {name: values for name, values in sweep.over.items() if len(set(values)) > 1}
+    if sweep.listed:
+        # In a list the factors vary together: the one with the most values tells runs apart best.
+        most = max(varied, key=lambda name: len(set(varied[name])), default="")
+        varied = {name: varied[name] for name in (most,) if name}
+    draw_lines(results, varied, path.parent / "runs", path.with_name("curves.png"))
 
 
 def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
@@ -178,7 +194,7 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     from gossamer_fx.records.plot.curve_panels import Curves, Panel
     from gossamer_fx.records.plot.page import write_page
 
-    names = number_names(results)
+    names = [name for name in number_names(results) if not _is_round_off(name, results)]
     shown = names[:_MAX_PANELS]
     if not shown:
         return
@@ -208,6 +224,12 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     write_page(path, title, None, Curves(panels, start, end, first))
 
 
+def _is_round_off(name: str, results: Sequence[Result]) -> bool:
+    """Whether a number of the results is the closing error of balances that all close."""
+    sizes = [abs(result.numbers.get(name, 0.0)) for result in results]
+    return name == "energy error" and max(sizes) < _ROUND_OFF
+
+
 def _draw_panel(
     number: str,
     curves: Mapping[str, Sequence[tuple[float, Result]]],
@@ -216,16 +238,41 @@ def _draw_panel(
 ) -> None:
     """Draw one number of the runs of each curve over their positions on the axis."""
     from gossamer_fx.records.fields.units import plain_text
-    from gossamer_fx.records.plot.curve_panels import LINES, label_ends, wrapped
+    from gossamer_fx.records.plot.curve_panels import (
+        INK,
+        LINES,
+        End,
+        label_ends,
+        wrapped,
+    )
 
-    ends = {}
+    # Curves that cover each other are drawn once, and named together.
+    labels: dict[str, list[str]] = {}
+    colours: dict[str, str] = {}
+    drawn: list[tuple[str, Array, Array]] = []
     for (label, runs), colour in zip(curves.items(), cycle(LINES), strict=False):
         points = sorted((position, run.numbers.get(number, np.nan)) for position, run in runs)
         at_levels, numbers = np.array(points).T
+        for other, others_levels, others_numbers in drawn:
+            is_same_shape = np.array_equal(at_levels, others_levels)
+            if is_same_shape and np.allclose(numbers, others_numbers, rtol=_ALIKE, equal_nan=True):
+                labels[other].append(label)
+                break
+        else:
+            drawn.append((label, at_levels, numbers))
+            labels[label] = [label]
+            colours[label] = colour
+    ends: list[End] = []
+    for label, at_levels, numbers in drawn:
+        is_common = len(labels[label]) > 1
+        colour = INK if is_common else colours[label]
         axes.plot(at_levels, numbers, "o-", color=colour, markersize=4, linewidth=1.2)
         finite = numbers[np.isfinite(numbers)]
+        words = label
+        if is_common:
+            words = "all" if len(labels[label]) == len(curves) else "; ".join(labels[label])
         if label and len(finite):
-            ends[label] = (float(finite[-1]), colour)
+            ends.append((words, float(finite[-1]), colour))
     if ticks:
         axes.set_xticks(list(ticks), list(ticks.values()))
     axes.set_title(wrapped(plain_text(number), 40, 2))

@@ -7,11 +7,11 @@ import math
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from gossamer_fx.records.fields.film_states import STATES
 from gossamer_fx.records.fields.units import plain_text, scaled, scaled_axis
 from gossamer_fx.records.outputs.tables import LOST
 from gossamer_fx.records.plot.colours import STATE_COLOURS
-from gossamer_fx.records.plot.run_reader import RunReader, Tables
+from gossamer_fx.records.plot.run_reader import RunReader
+from gossamer_fx.records.plot.run_tables import Tables
 from gossamer_fx.solve.view import LOAD_FACTOR
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ _BAND = ("largest of ", "mean of ", "least of ")  # before the number and name o
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 Panel = Callable[["Axes"], None]
+# Name, last value and colour of a curve.
+End = tuple[str, float, Any]
 
 
 @dataclass(frozen=True)
@@ -64,12 +67,15 @@ class Curves:
         start: of the axis, in its unit.
         end: of the axis, in its unit.
         label: of the axis, e.g. "t [ms]".
+        key: function that draws what the colours of all panels mean, on axes in a line above them;
+            None: each panel says it.
     """
 
     panels: list[Panel]
     start: float = 0.0
     end: float = 1.0
     label: str = "t [s]"
+    key: Panel | None = None
 
 
 def run_curves(run: RunReader, solver: bool = True) -> Curves:
@@ -369,7 +375,7 @@ def _lines(
     peaks = {name: peak for name, peak in peaks.items() if peak > _NEGLIGIBLE * largest}
     logarithmic = bool(peaks) and largest > _LOGARITHMIC * min(peaks.values())
     factor, prefix = (1.0, "") if logarithmic else scaled(largest)
-    ends: dict[str, tuple[float, str]] = {}
+    ends: list[End] = []
     shown: Tables = {}
     for name in peaks:
         values = curves[name] / factor
@@ -379,7 +385,7 @@ def _lines(
             if curves[name][-1] < 0:
                 label = f"−{name}"
         axes.plot(t, values, color=colours[name])
-        ends[label] = (_last_finite(values), colours[name])
+        ends.append((label, _last_finite(values), colours[name]))
         shown[name] = values
     _fill_bands(t, shown, colours, axes)
     if logarithmic:
@@ -403,12 +409,12 @@ def _states(t: Array, shares: Tables, axes: Axes) -> None:
     percent = [100 * values for values in shares.values()]
     axes.stackplot(t, *percent, colors=colours, linewidth=0)
     axes.set_ylim(0, 100)
-    ends: dict[str, tuple[float, str]] = {}
+    ends: list[End] = []
     top = 0.0
     for name, values in shares.items():
         last = 100 * float(values[-1])
         if values.max() > _SHOWN_SHARE:
-            ends[name] = (top + last / 2, INK)
+            ends.append((name, top + last / 2, INK))
         top += last
     axes.set_title("State of the films [% of their area]")
     label_ends(axes, ends)
@@ -421,15 +427,15 @@ def _errors(t: Array, errors: Tables, axes: Axes) -> None:
         t: times (n,), in the unit of the time axis.
         errors: relative closing errors (n,) of energy and gas mass, by name.
     """
-    ends: dict[str, tuple[float, str]] = {}
+    ends: list[End] = []
     axes.set_yscale("log")
     for name, colour in zip(errors, LINES, strict=False):
         values = np.where(errors[name] == 0, np.nan, abs(errors[name]))
         largest_so_far = np.fmax.accumulate(values)
         axes.plot(t, values, color=colour, linewidth=0.5, alpha=0.5)
         axes.plot(t, largest_so_far, color=colour)
-        ends[name] = (_last_finite(largest_so_far), colour)
-    highest = max((3 * end for end, _ in ends.values() if np.isfinite(end)), default=0.0)
+        ends.append((name, _last_finite(largest_so_far), colour))
+    highest = max((3 * end for _, end, _ in ends if np.isfinite(end)), default=0.0)
     axes.set_ylim(_SMALLEST_ERROR, max(_USUAL_ERROR, highest))
     axes.set_title("Closing error of the ledger, relative")
     label_ends(axes, ends)
@@ -467,31 +473,42 @@ def _probes(
         t: times (n,), in the unit of the time axis.
         curves: values (n,) by the words at their ends, e.g. "x"; an empty name is not written.
     """
-    unit = _UNIT.search(title)
-    factor = 1.0
-    if unit is not None and unit[1] in _SCALED_UNITS:
-        largest = max(float(np.nan_to_num(abs(values)).max()) for values in curves.values())
-        factor, prefix = scaled(largest)
-        title = f"{title[: unit.start()]}[{prefix}{unit[1]}]"
+    title, factor = axis_of(title, curves.values())
     colours = _line_colours(curves)
     shown = {name: values / factor for name, values in curves.items()}
-    ends: dict[str, tuple[float, str]] = {}
+    ends: list[End] = []
     for name, values in shown.items():
         axes.plot(t, values, color=colours[name])
         if name:
-            ends[name] = (float(values[-1]), colours[name])
+            ends.append((name, float(values[-1]), colours[name]))
     _fill_bands(t, shown, colours, axes)
-    axes.set_title(wrapped(plain_text(title), _TITLE_WIDTH, 2))
+    axes.set_title(title)
     label_ends(axes, ends)
 
 
-def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
+def axis_of(name: str, curves: Iterable[Array]) -> tuple[str, float]:
+    """Title of the panel of a probe with the unit of its axis, and what values are divided by.
+
+    Args:
+        name: of the probe, with its unit at the end if it has one.
+        curves: values (n,) in that unit.
+    """
+    unit = _UNIT.search(name)
+    factor = 1.0
+    if unit is not None and unit[1] in _SCALED_UNITS:
+        largest = max(float(np.nan_to_num(abs(values)).max()) for values in curves)
+        factor, prefix = scaled(largest)
+        name = f"{name[: unit.start()]}[{prefix}{unit[1]}]"
+    return wrapped(plain_text(name), _TITLE_WIDTH, 2), factor
+
+
+def label_ends(axes: Axes, ends: Iterable[End]) -> None:
     """Name curves at their right ends, moved apart where the names would overlap."""
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
     labels = sorted(
         (float(to_axes.transform((0, value))[1]), name, colour)
-        for name, (value, colour) in ends.items()
+        for name, value, colour in ends
         if np.isfinite(value)
     )
     texts = [wrapped(plain_text(name), _LABEL_WIDTH, _LABEL_LINES) for _, name, _ in labels]

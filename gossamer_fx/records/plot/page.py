@@ -135,6 +135,8 @@ def write_page(
         caption_height = _caption_height(views, image_columns, width)
         key_height = 2 * _KEY if width < _NARROW else _KEY
         heights += [key_height, image_rows * (caption_height + image_height)]
+    if curves is not None and curves.key is not None:
+        heights.append(_KEY)
     if panels:
         heights.append(panel_rows * _PANEL)
     with matplotlib.rc_context(_STYLE):
@@ -156,6 +158,8 @@ def write_page(
             header = next(parts).subplots()
             _draw_key(header, views.colours, width)
             frames = _frames(next(parts), views, image_rows, image_columns, width)
+        if curves is not None and curves.key is not None:
+            curves.key(next(parts).subplots())
         if curves is not None and panels:
             _draw_panels(next(parts), curves, panel_rows)
         if views is not None:
