@@ -109,3 +109,17 @@ def test_examples_give_what_they_say(name: str, scene: dict[str, Any]) -> None:
         runner = doctest.DocTestRunner(optionflags=FLAGS)
         runner.run(test, out=said.append)
         assert runner.failures == 0, "".join(said)
+
+
+def test_the_page_on_results_has_the_signature_of_best_surface() -> None:
+    import dataclasses
+    import inspect
+
+    from gossamer_fx.analysis import BestSurface, best_surface
+
+    text = (Path(__file__).resolve().parents[2] / "docs" / "howto" / "results.md").read_text()
+    call = next(line for line in text.splitlines() if line.startswith("`gx.analysis.best_surface("))
+    for name in list(inspect.signature(best_surface).parameters)[2:]:
+        assert f"{name}=" in call
+    for field in dataclasses.fields(BestSurface):
+        assert f"`{field.name}`" in text

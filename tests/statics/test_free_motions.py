@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
@@ -92,3 +93,14 @@ def test_gas_alone_holds_a_piston(comm, process, exponent):
     gas = equilibrium.chamber("chamber")
     stiffness = gx.analysis.point_stiffness(equilibrium, mass.port(), direction=(1.0, 0.0, 0.0))
     assert stiffness == pytest.approx(exponent * gas.pressure * 0.01**2 / gas.volume, rel=1e-9)
+
+
+def test_a_search_at_several_loads_warns_once_of_what_moves_freely(caplog) -> None:
+    """And again if something else does."""
+    ball = gx.PointMass(1.0, comm=MPI.COMM_SELF, name="ball")
+    equilibrium = gx.Equilibrium(gx.Scene(ball))
+    for load in (0.5, 1.0, 1.5):
+        assert equilibrium.find(at=load).free
+    assert caplog.text.count("The equilibrium is not unique") == 1
+    gx.Equilibrium(gx.Scene(ball)).find()
+    assert caplog.text.count("The equilibrium is not unique") == 2

@@ -87,7 +87,7 @@ def test_a_signal_before_a_search_ends_it(tmp_path: Path, ranks: int) -> None:
     """There is no scene of which a checkpoint could be written."""
     said = command(tmp_path / "run", "setup", "--ranks", str(ranks), number="SIGTERM")
     assert said.returncode == 128 + signal.SIGTERM, said.stderr
-    assert said.stderr.count("\n") == 1 and "was stopped by SIG" in said.stderr, said.stderr
+    assert said.stderr.count("\n") == 1 and "was stopped by SIGTERM" in said.stderr, said.stderr
     assert not (tmp_path / "run").exists()
 
 

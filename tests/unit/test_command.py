@@ -351,3 +351,22 @@ def test_an_unknown_word_is_refused_in_a_sentence(
 )
 def test_what_python_does_not_read_is_a_word(text: str) -> None:
     assert option(f"name={text}") == ("name", text)
+
+
+TYPO = """
+import gossamer_fx as gx
+
+def build(comm):
+    ball = gx.PointMass(2.0, comm=comm, name="ball")
+    ball.prot()
+"""
+
+
+def test_an_unknown_name_of_an_object_has_a_proposal(tmp_path: Path) -> None:
+    (tmp_path / "typo.py").write_text(TYPO)
+    command = [sys.executable, "-P", "-m", "gossamer_fx", "run", "typo.py"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert said.returncode == 2 and said.stderr.count("\n") == 1
+    assert "'typo.py', line 6: AttributeError" in said.stderr
+    assert "has no attribute 'prot'; did you mean port?" in said.stderr

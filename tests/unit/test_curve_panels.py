@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.records.fields.units import with_decimals
+from gossamer_fx.records.fields.units import scaled_unit, with_decimals
 from gossamer_fx.records.plot import page
 from gossamer_fx.records.plot.curve_panels import (
     LINES,
@@ -23,6 +23,8 @@ from gossamer_fx.records.plot.curve_panels import (
     _line_colours,
     _lines,
     _probes,
+    grouped,
+    label_ends,
     run_curves,
 )
 from gossamer_fx.records.plot.report import _table
@@ -159,3 +161,50 @@ def test_what_is_empty_is_left_out(tmp_path: Path) -> None:
     assert "Energy" not in titles
     table = plain(_table(("[N]", "mean", "least"), [("rope", "1.5", ""), ("tie", "2.5", "")]))
     assert table == "[N] mean rope 1.5 tie 2.5"
+
+
+@pytest.mark.parametrize(
+    ("largest", "unit", "factor", "words"),
+    [
+        (0.02, "m", 1e-3, "mm"),
+        (8e-3, "kg m²/s", 1e-3, "10⁻³ kg m²/s"),
+        (2e3, "1/m", 1e3, "10³ 1/m"),
+        (2e-6, "m³", 1e-6, "10⁻⁶ m³"),
+        (0.02, "N m/m", 1e-3, "mN m/m"),
+        (0.02, "rad/s", 1e-3, "mrad/s"),
+        (2.0, "kg m²/s", 1.0, "kg m²/s"),
+        (0.499, "", 1.0, ""),
+        (4e-4, "", 1e-6, "10⁻⁶"),
+        (0.0, "m", 1.0, "m"),
+    ],
+)
+def test_units_keep_whole(largest: float, unit: str, factor: float, words: str) -> None:
+    """No mkg, no mm³ that is not the cube of a mm."""
+    assert scaled_unit(largest, unit) == (pytest.approx(factor), words)
+
+
+def test_the_title_of_curves_that_differ_in_a_word_ends_in_a_noun() -> None:
+    probes = {"spin of the hub [rad/s]": T, "spin of the sail [rad/s]": T}
+    assert list(grouped(probes)) == ["spin [rad/s]"]
+    assert list(grouped(probes)["spin [rad/s]"]) == ["hub", "sail"]
+
+
+def test_names_of_curves_that_end_together_keep_their_order() -> None:
+    """Values that differ by round-off only would shuffle 0 1 2 3 4 5."""
+    axes = Figure().subplots()
+    axes.plot([0, 1], [0, 1])
+    noise = [0.0, 2e-9, 1e-9, 3e-9, 5e-9, 4e-9]
+    label_ends(axes, [(f"{k}", 0.5 + by, "black") for k, by in enumerate(noise)])
+    heights = {text.get_text(): text.xy[1] for text in axes.texts}
+    assert sorted(heights, key=lambda name: -heights[name]) == list("012345")
+
+
+def test_a_probe_that_is_zero_throughout_has_no_panel(tmp_path: Path) -> None:
+    ball = gx.PointMass(1.0, velocity=(1.0, 0.0, 0.0), comm=MPI.COMM_SELF, name="ball")
+    probes = {"x [m]": gx.probes.Position(ball.port(), "x"), "penetrations": lambda run: 0.0}
+    recording = gx.Recording(tmp_path, every=1, probes=probes)
+    run = gx.Simulation(gx.Scene(ball), gx.Midpoint(dt=0.1), outputs=[recording])
+    run.run(until=0.3)
+    panels = list(run_curves(gx.plot.RunReader(tmp_path)).panels)
+    drawn = [one.args[1] for one in panels if isinstance(one, partial) and one.func is _probes]
+    assert drawn == ["x [m]"]

@@ -275,3 +275,43 @@ def test_the_panel_of_states_counts_all_films_by_their_area(tmp_path: Path) -> N
     shares = _area_shares(reader, reader.table("states.csv"))
     assert shares["taut"] == pytest.approx(0.75)
     assert shares["slack"] == pytest.approx(0.25)
+
+
+# ---- what is cut or left out --------------------------------------------------------------------
+
+
+def test_a_long_title_is_broken_into_lines() -> None:
+    """No line is wider than the page, and no word is lost."""
+    title = "A sail of four quadrants with booms that roll out, " * 4
+    for width in (page.WIDTH, 5.0):
+        drawn: list[Any] = []
+
+        def keep(figure: Any, *args: Any, kept: list[Any] = drawn, **options: Any) -> None:
+            """Measure the title of a page."""
+            [text] = [one for one in figure.texts if one.get_text()]
+            kept.append((text.get_text(), text.get_window_extent().width / figure.dpi))
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(matplotlib.figure.Figure, "savefig", keep)
+            patch.setattr(page, "replace_file", lambda *args: None)
+            page.write_page(
+                Path("none.png"), title, None, page.Curves([lambda axes: None]), width=width
+            )
+        words, inches = drawn[0]
+        assert words.split() == title.split() and inches <= width
+
+
+def test_a_scene_that_travels_far_says_where_it_is(tmp_path: Path) -> None:
+    """The altitude of what rises: the camera follows it."""
+    film = gx.Membrane(sheet(COMM, 2, 2, 0.1, 0.1), WRINKLING, name="film")
+    lift = gx.RigidMotion(velocity=(0.0, 0.0, 20.0))
+    recording = gx.Recording(tmp_path, every=1)
+    run = gx.Simulation(gx.Scene(film, lift), gx.Midpoint(dt=0.1), outputs=[recording])
+    run.run(until=0.4)
+    reader = gx.plot.RunReader(tmp_path)
+    views = pictures.strip_views(reader, "state", 3, gx.plot.View())
+    assert [one.replace("\u00a0", " ") for one in views.captions] == [
+        "t = 0 ms, z = 0 m",
+        "t = 200 ms, z = 4 m",
+        "t = 400 ms, z = 8 m",
+    ]

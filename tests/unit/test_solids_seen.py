@@ -145,7 +145,7 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
         assert corners[12:, :, 0].mean() == pytest.approx(5e-3, abs=1e-3)
         assert len(shape.lines) == 14  # of the floor
         [parts] = RunView(read).whole()["header"]["meshes"]
-        of_floor = [part for part in parts if part["name"] == "solid 3"]
+        of_floor = [part for part in parts if part["name"] == f"{floor.name} 3"]
         assert [part["corners"] for part in of_floor] == [2] and of_floor[0]["pieces"]
         assert (folder / "seen.png").read_bytes()[1:4] == b"PNG"
 
@@ -155,3 +155,48 @@ def test_a_scene_without_solids_records_none(tmp_path) -> None:
     recording = gx.Recording(tmp_path)
     gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
     assert not (tmp_path / "solids.csv").exists() and RunReader(tmp_path).solids == []
+
+
+def test_a_rigid_body_without_a_shape_is_a_box_of_its_inertia(tmp_path) -> None:
+    """Of a brick, turned: the box is the brick, with the name of the body."""
+    mass = 2.0
+    a, b, c = 0.1, 0.2, 0.4
+    inertia = mass / 12 * np.array([b**2 + c**2, a**2 + c**2, a**2 + b**2])
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    hub = gx.RigidBody(
+        mass, inertia, position=(1, 2, 3), attitude=turn, comm=MPI.COMM_SELF, name="hub"
+    )
+    run = gx.Simulation(gx.Scene(hub), gx.Midpoint(dt=1e-3), outputs=[gx.Recording(tmp_path)])
+    run.run(until=2e-3)
+    reader = RunReader(tmp_path)
+    [points] = reader.solid_points(2e-3)
+    assert np.ptp(points, axis=0) == pytest.approx((b, a, c), rel=1e-5)
+    assert points.mean(axis=0) == pytest.approx((1, 2, 3))
+    assert [solid.name for solid in reader.solids] == ["hub"]
+    corners = points[reader.solids[0].triangles]
+    x, y, z = corners[:, 0], corners[:, 1], corners[:, 2]
+    # Its faces look outwards.
+    assert np.einsum("ni,ni->n", np.cross(x, y), z).sum() / 6 == pytest.approx(a * b * c, rel=1e-5)
+
+
+@pytest.mark.mpi
+def test_masses_at_points_of_bodies_are_dots(comm, folder) -> None:
+    """Where their points are; recorded with the fields."""
+    film = gx.Membrane(sheet(comm, 2, 2, 0.1, 0.1), WRINKLING, name="film")
+    corners = ("top right", "bottom left")
+    tips = [
+        gx.connectors.AttachedMass(film.port(corner), 0.1, name=f"{corner} mass")
+        for corner in corners
+    ]
+    fall = gx.Gravity(film, (0.0, 0.0, -9.81))
+    recording = gx.Recording(folder / "run", every=5)
+    run = gx.Simulation(gx.Scene(film, fall, *tips), gx.Midpoint(dt=1e-2), outputs=[recording])
+    run.run(until=0.1)
+    if comm.rank == 0:
+        reader = RunReader(folder / "run")
+        assert reader.point_names == ["top right mass", "bottom left mass"]
+        fallen = -9.81 * 0.1**2 / 2
+        expected = [(0.1, 0.1, fallen), (0.0, 0.0, fallen)]
+        assert reader.dots(0.1) == pytest.approx(np.array(expected), abs=1e-9)
+        [parts] = RunView(reader).whole()["header"]["meshes"]
+        assert [part["name"] for part in parts] == ["film", *reader.point_names]

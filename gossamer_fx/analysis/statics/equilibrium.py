@@ -92,6 +92,8 @@ class Equilibrium(Sought):
         self._all_seconds = 0.0  # CPU time [s] of all searches
         # Norm of the external forces, of all equilibria found so far [N]
         self._largest_load = 0.0
+        # Motions that nothing resists, of which the log has a warning.
+        self._warned_motions: set[str] = set()
         self.result: EquilibriumResult | None = None
         # What has followed a path to the present state, see `path`; None after `find`.
         self.followed: object | None = None
@@ -161,7 +163,7 @@ class Equilibrium(Sought):
         )
         self._all_iterations += self.result.iterations
         self._all_seconds += self.result.seconds
-        warn_of_quality(self.result, search)
+        warn_of_quality(self.result, search, self._warned_motions)
         return self.result
 
     def take_over(self, time: float) -> None:

@@ -183,9 +183,19 @@ def warn_of_lost_loads(search: Search) -> None:
         )
 
 
-def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
+def warn_of_quality(result: EquilibriumResult, search: Search, known: set[str]) -> None:
     """Warn of an equilibrium that has lost prestress, is above the tolerance, not unique, not
-    regular or not stable."""
+    regular or not stable.
+
+    Args:
+        known: motions that were warned of before in this search, e.g. at smaller loads; those of
+            this result are added.
+    """
+    free = listed(result.free)
+    slack = listed(result.slack)
+    is_new_free = free not in known
+    is_new_slack = slack not in known
+    known.update((free, slack))
     if search.comm.rank > 0:
         return
     lost = lost_prestress_words(dict(result.prestress))
@@ -199,17 +209,17 @@ def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
             search.options.tolerance,
             search.newton.round_off,
         )
-    if result.free:
+    if result.free and is_new_free:
         LOG.warning(
             "The equilibrium is not unique: nothing resists %s; "
             "hold it by gx.Fixed if it must not move.",
-            listed(result.free),
+            free,
         )
-    if result.slack:
+    if result.slack and is_new_slack:
         LOG.warning(
             "The equilibrium is not unique: what is held is slack, without stiffness against %s; "
             "give it a prestress (initial_stress, tension) or a load across, if its shape matters.",
-            listed(result.slack),
+            slack,
         )
     if not (result.regular or result.free or result.slack):
         LOG.warning(

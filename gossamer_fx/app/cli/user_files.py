@@ -4,6 +4,7 @@ sentence, with its line."""
 from __future__ import annotations
 
 import ast
+import difflib
 import inspect
 import sys
 import time
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+# Names that are similar to an unknown one and are proposed, at most.
+_MAX_PROPOSALS = 3
 # Attribute of modules that are files of users.
 _OF_USER = "__file_of_user__"
 
@@ -186,13 +189,27 @@ def guarded[T](
             location += f", line {line}"
         words = "no words"
         if str(error):
-            words = str(error).splitlines()[0]
+            words = str(error).splitlines()[0] + _proposal(error)
         end_program(
             comm,
             f"{location}: {type(error).__name__} ({words}); correct the file, or see more with "
             "--debug.",
             2,
         )
+
+
+def _proposal(error: BaseException) -> str:
+    """Names that are similar to an unknown one of an object, as a clause; empty if there are none.
+
+    Python proposes them only in what it prints of an error that nobody catches.
+    """
+    if not isinstance(error, AttributeError) or error.obj is None or not error.name:
+        return ""
+    names = [name for name in dir(error.obj) if not name.startswith("_")]
+    found = difflib.get_close_matches(error.name, names, n=_MAX_PROPOSALS)
+    if not found:
+        return ""
+    return f"; did you mean {' or '.join(found)}?"
 
 
 def end_program(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:

@@ -275,7 +275,7 @@ def _draw_panel(
             ends.append((words, float(finite[-1]), colour))
     if ticks:
         axes.set_xticks(list(ticks), list(ticks.values()))
-    axes.set_title(wrapped(plain_text(number), 40, 2))
+    axes.set_title(wrapped(plain_text(number), 40, 4))
     # More names than this would cover each other.
     if len(ends) <= len(LINES):
         label_ends(axes, ends)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+
 import numpy as np
 
 from gossamer_fx.core.model.body import Array
@@ -44,6 +47,10 @@ UNITS = {field: unit for field, (_, unit) in _FIELDS.items()}
 LINE_FIELDS = ("tension", "axial_strain")
 
 _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
+# A unit whose first factor is not squared or cubed, as mm² is the square of a mm, and not a kg.
+_TAKES_PREFIX = re.compile(r"(?!kg)[^\W\d²³⁴]+(?![²³⁴^\d])(?=\W|$)")
+_EXPONENT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PLAIN_NUMBERS = (1e-2, 1e4)  # between which pure numbers are written as they are
 _ROUND_OFF = 1e-9  # of a factor: 0.9999999999 is written as 1, not as 1000 of the smaller unit
 
 
@@ -65,6 +72,27 @@ def scaled(largest: float) -> tuple[float, str]:
     fitting = [factor for factor in _PREFIXES if factor <= largest * (1 + _ROUND_OFF)]
     factor = max(fitting, default=1.0)
     return factor, _PREFIXES[factor]
+
+
+def scaled_unit(largest: float, unit: str) -> tuple[float, str]:
+    """Factor and name of the multiple of a unit in which a number lies between 1 and 1000.
+
+    Units that take no prefix, such as kg m²/s, 1/m or m³, have a power of ten, and so have small
+    and large pure numbers.
+
+    Example:
+        `scaled_unit(0.02, "m")` is `(1e-3, "mm")`, `scaled_unit(0.02, "kg m/s")` is
+        `(1e-3, "10⁻³ kg m/s")`.
+    """
+    if not unit and _PLAIN_NUMBERS[0] <= largest < _PLAIN_NUMBERS[1]:
+        return 1.0, ""
+    factor, prefix = scaled(largest)
+    if not prefix:
+        return 1.0, unit
+    if _TAKES_PREFIX.match(unit):
+        return factor, f"{prefix}{unit}"
+    power = str(round(math.log10(factor))).translate(_EXPONENT)
+    return factor, f"10{power} {unit}".rstrip()
 
 
 def scaled_axis(axis: Axis, values: Array) -> tuple[float, str]:

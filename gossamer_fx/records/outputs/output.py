@@ -238,6 +238,7 @@ RUN_FILES = (
     "states.csv",
     "points.csv",
     "solids.csv",
+    "masses.csv",
     "lines.csv",
     "tensions.csv",
     "probes.csv",

@@ -9,6 +9,7 @@ and the positions and orientations of the solids in it.
     states.csv         fractions of area of the films that are taut and wrinkled, as means over a
                        step, as the tensions
     points.csv         positions of the bodies without a mesh, if there are any
+    masses.csv         positions of attached masses, at the times of the fields, if there are any
     solids.csv         origin and axes of the solids that move, if there are any; their shapes are
                        in run.json
     lines.csv          ends of ropes, springs and bars of tapes, at the times of the fields, if
@@ -30,6 +31,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
+from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -42,6 +44,8 @@ from gossamer_fx.core.model.body import Array, Attached, Body, MeshBody, Port
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.mechanics.connectors.spring import AttachedMass
 from gossamer_fx.records.fields.body_shape import At, has_unknown_stress
 from gossamer_fx.records.fields.fields import groups_of
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
@@ -80,11 +84,35 @@ REST = np.vstack([np.zeros(3), np.eye(3)])
 
 
 def solids_of(system: System) -> list[Solid]:
-    """The solids of all terms of a scene, e.g. rigid bodies and obstacles."""
+    """The solids of all terms of a scene, e.g. obstacles, and a box for each rigid body without
+    any."""
     solids: list[Solid] = []
     for compiled in system.equations.shown:
         solids += compiled.solids()
+    shown = {id(solid.on) for solid in solids}
+    for body in system.unknowns.bodies:
+        if isinstance(body, RigidBody) and id(body) not in shown:
+            solids.append(equal_box(body))
     return solids
+
+
+def equal_box(body: RigidBody) -> Solid:
+    """The box of uniform density with the mass and the inertia of a rigid body: pictures show it
+    where nothing tells the shape of the body."""
+    # Euler's tensor of a box with the edges s is diag(m s²/12) along its edges.
+    moments, directions = np.linalg.eigh(body.euler_tensor)
+    edges = np.sqrt(12 * np.maximum(moments, 0.0) / body.mass)
+    corners = np.array(list(product((-0.5, 0.5), repeat=3)))
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [(a, b, c) for a, b, c, _ in faces] + [(a, c, d) for a, _, c, d in faces]
+    pairs = {tuple(sorted(pair)) for face in faces for pair in pairwise((*face, face[0]))}
+    return Solid(
+        body.name,
+        corners * edges @ directions.T,
+        np.array(triangles, dtype=np.int32),
+        np.array(sorted(pairs), dtype=np.int32),
+        on=body,
+    )
 
 
 def pose_of(solid: Solid, system: System) -> Array:
@@ -128,6 +156,7 @@ def as_data(solid: Solid) -> dict[str, Any]:
         # Six digits are enough for pictures, and keep the file short.
         points.append([float(f"{x:.6g}") for x in point])
     return {
+        "name": solid.name,
         "X": points,
         "triangles": solid.triangles.tolist(),
         "lines": solid.lines.tolist(),
@@ -302,7 +331,7 @@ class Recording(Continued):
         for output in self._fields.values():
             if output.last_time != run.time:
                 output.record(run, last=True)
-        for name in ("lines.csv", "tensions.csv"):
+        for name in ("masses.csv", "lines.csv", "tensions.csv"):
             table = self._tables.get(name)
             if is_new and table is not None:
                 table.record(run, last=True)
@@ -430,6 +459,9 @@ class Recording(Continued):
         schedule = Schedule()
         if self._fields:
             schedule = self.schedule
+        masses = MassPoints(self.folder / "masses.csv", run.scene.items, schedule)
+        if masses:
+            yield "masses.csv", masses
         ends = ConnectorLines(self.folder / "lines.csv", run.scene.items, schedule)
         if ends:
             yield "lines.csv", ends
@@ -542,6 +574,24 @@ class FilmStates(TableOutput):
             for state in RECORDED_STATES:
                 found[f"{name} {state}"] = float(shares[STATES[state]])
         return found
+
+
+class MassPoints(TableOutput):
+    """CSV file with the positions of the attached masses [m], three columns a mass."""
+
+    def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
+        super().__init__(path, schedule)
+        masses = [item for item in items if isinstance(item, AttachedMass)]
+        self._ports = {mass.name: mass.port for mass in masses}
+
+    def __bool__(self) -> bool:
+        """Whether there is anything to write."""
+        return bool(self._ports)
+
+    def values(self, run: StateView) -> dict[str, Any]:
+        points = run.system.unknowns.state.vectors(list(self._ports.values()))
+        columns = [f"{name} {axis}" for name in self._ports for axis in "xyz"]
+        return dict(zip(columns, points.ravel().tolist(), strict=True))
 
 
 class ConnectorLines(TableOutput):

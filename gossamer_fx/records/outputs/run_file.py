@@ -200,6 +200,7 @@ _MAX_SHOWN = 60
 _POINT = (float, float, float)
 
 _SOLID = {
+    "name?": str,
     "X": [_POINT],
     "triangles": [(int, int, int)],
     "lines": [(int, int)],

@@ -20,7 +20,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.records.fields.film_states import STATES
-from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, UNITS, scaled
+from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, UNITS, scaled_unit
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import Integers, Shape
 
@@ -160,10 +160,13 @@ class Scale:
     @property
     def label(self) -> tuple[float, str]:
         """Factor of the unit in which the numbers are written, and the name with that unit."""
-        if not self.unit:
-            return 1e-3, f"{self.name} [10⁻³]"
-        factor, prefix = scaled(max(abs(self.low), abs(self.high)))
-        return factor, f"{self.name} [{prefix}{self.unit}]"
+        factor, unit = scaled_unit(max(abs(self.low), abs(self.high)), self.unit)
+        return factor, f"{self.name} [{unit}]" if unit else self.name
+
+    @property
+    def multiple(self) -> str:
+        """The unit of the label; empty for pure numbers."""
+        return scaled_unit(max(abs(self.low), abs(self.high)), self.unit)[1]
 
     @property
     def ends(self) -> tuple[str, str]:
@@ -293,10 +296,8 @@ class Colouring:
             return ""
         scale = self.scales[record]
         low, high = scale.ends
-        _, label = scale.label
-        unit = label[label.find("[") + 1 : -1]
         beyond = f" ({scale.beyond})" if scale.beyond else ""
-        return f", {low} to {high} {unit}{beyond}"
+        return f", {low} to {high} {scale.multiple}".rstrip() + beyond
 
 
 def colouring(

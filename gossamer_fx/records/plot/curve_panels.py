@@ -17,7 +17,7 @@ import numpy as np
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.film_states import STATES
-from gossamer_fx.records.fields.units import plain_text, scaled, scaled_axis
+from gossamer_fx.records.fields.units import plain_text, scaled_axis, scaled_unit
 from gossamer_fx.records.outputs.tables import LOST
 from gossamer_fx.records.plot.colours import STATE_COLOURS
 from gossamer_fx.records.plot.run_reader import RunReader
@@ -36,9 +36,11 @@ _NEGLIGIBLE = 1e-6  # of the largest curve: a curve that is always smaller is no
 _LOGARITHMIC = 30.0  # ratio of the peaks of curves from which on their axis is logarithmic
 _LABEL_PITCH = 0.082  # height of a line of a label, of the height of the axes
 _LABEL_GAP = 0.018  # between labels, of the height of the axes
+_SAME_HEIGHT = 0.01  # of the axes: ends of curves that are nearer have names in the given order
 _LABEL_WIDTH = 18  # letters of a line of a name at the end of a curve
 _LABEL_LINES = 2  # that such a name has at most
 _TITLE_WIDTH = 40  # letters of a line of a panel's title
+_TITLE_LINES = 4  # that such a title has at most
 _SHOWN_SHARE = 0.02  # share of the area from which on a state is named
 _SMALLEST_ERROR = 1e-17
 _USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
@@ -51,6 +53,7 @@ _MAX_PROBE_PANELS = 24  # each takes a third of a second
 _MAX_SHARED_PANELS = 8  # of more probes than these panels hold
 _FAMILY = 3  # least number of parts, whose names differ in a number, that become a band
 _BAND = ("largest of ", "mean of ", "least of ")  # before the number and name of the parts
+_DANGLING = re.compile(r"( (of|the|a|an|at|in|on|by))+$")  # before the word that tells curves apart
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 Panel = Callable[["Axes"], None]
@@ -167,7 +170,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         panels += [
             partial(_probes, over(probes) / factor, title, _in_bands(curves))
             for title, curves in _few(grouped(_without(probes, run.not_values))).items()
-            if any(np.isfinite(values).any() for values in curves.values())
+            if any((np.isfinite(values) & (values != 0)).any() for values in curves.values())
         ]
     return Curves(panels, start=float(t.min()), end=float(t.max()), label=axis.label(unit))
 
@@ -185,7 +188,9 @@ def grouped(probes: Tables) -> dict[str, Tables]:
         the curves (n,) of each panel by the last words of their names, by the title of the panel.
     """
     found = {name: _PROBE.fullmatch(name) for name in probes}
-    titles = {name: parts[1] + parts[3] for name, parts in found.items() if parts}
+    titles = {
+        name: _DANGLING.sub("", parts[1]) + parts[3] for name, parts in found.items() if parts
+    }
     names_of_title = Counter(titles.values())
     panels: dict[str, Tables] = {}
     for name, values in probes.items():
@@ -374,7 +379,9 @@ def _lines(
     largest = max(peaks.values())
     peaks = {name: peak for name, peak in peaks.items() if peak > _NEGLIGIBLE * largest}
     logarithmic = bool(peaks) and largest > _LOGARITHMIC * min(peaks.values())
-    factor, prefix = (1.0, "") if logarithmic else scaled(largest)
+    factor = 1.0
+    if not logarithmic:
+        factor, unit = scaled_unit(largest, unit)
     ends: list[End] = []
     shown: Tables = {}
     for name in peaks:
@@ -394,7 +401,7 @@ def _lines(
         axes.set_ylim(max(low, 0.01 * min(peaks.values()), _NEGLIGIBLE * largest), high)
     elif all((curves[name] >= 0).all() for name in peaks):
         axes.set_ylim(bottom=0)
-    axes.set_title(f"{title} [{prefix}{unit}]")
+    axes.set_title(f"{title} [{unit}]")
     label_ends(axes, ends)
 
 
@@ -497,27 +504,31 @@ def axis_of(name: str, curves: Iterable[Array]) -> tuple[str, float]:
     factor = 1.0
     if unit is not None and unit[1] in _SCALED_UNITS:
         largest = max(float(np.nan_to_num(abs(values)).max()) for values in curves)
-        factor, prefix = scaled(largest)
-        name = f"{name[: unit.start()]}[{prefix}{unit[1]}]"
-    return wrapped(plain_text(name), _TITLE_WIDTH, 2), factor
+        factor, words = scaled_unit(largest, unit[1])
+        name = f"{name[: unit.start()]}[{words}]"
+    return wrapped(plain_text(name), _TITLE_WIDTH, _TITLE_LINES), factor
 
 
 def label_ends(axes: Axes, ends: Iterable[End]) -> None:
     """Name curves at their right ends, moved apart where the names would overlap."""
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
-    labels = sorted(
+    labels = [
         (float(to_axes.transform((0, value))[1]), name, colour)
         for name, value, colour in ends
         if np.isfinite(value)
-    )
+    ]
+    # From the bottom to the top; those of one height from the last to the first, as they are read.
+    labels.reverse()
+    labels.sort(key=lambda label: round(label[0] / _SAME_HEIGHT))
     texts = [wrapped(plain_text(name), _LABEL_WIDTH, _LABEL_LINES) for _, name, _ in labels]
     lines = np.array([len(text.splitlines()) for text in texts])
     # A long name loses its middle if the axes are too low for two lines each.
     if (_LABEL_PITCH * lines + _LABEL_GAP).sum() > 1:
         texts = [wrapped(plain_text(name), _LABEL_WIDTH, 1) for _, name, _ in labels]
         lines = np.ones(len(labels), dtype=int)
-    heights = np.array([height for height, _, _ in labels]).clip(0, 1)
+    # Those of one height may descend by a little.
+    heights = np.maximum.accumulate(np.array([height for height, _, _ in labels])).clip(0, 1)
     distances = _LABEL_PITCH * (lines[1:] + lines[:-1]) / 2 + _LABEL_GAP
     # Each pass moves neighbours that overlap half of the way apart; 100 passes separate seven
     # labels.

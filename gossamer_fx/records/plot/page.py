@@ -49,6 +49,9 @@ _BAR_SHARE = 0.25  # width of the bar, of the width of the page
 # Points of the letters of the title, on a wide and on a narrow page.
 _TITLE_SIZE = 13
 _SMALL_TITLE_SIZE = 10
+_TITLE_LETTER = 0.0088  # width of one of its letters [inches], for each point of their size
+_LINE = 0.0175  # distance of its lines [inches], for each point
+_MAX_TITLE_LINES = 4
 
 # Inches of a panel with its labels, at least.
 _PANEL_WIDTH = 3.8
@@ -129,6 +132,11 @@ def write_page(
     panel_columns = max(int(width / _PANEL_WIDTH), 1)
     panel_rows = math.ceil(len(panels) / panel_columns)
     image_rows, image_columns = _arrange(views, width)
+    size = _TITLE_SIZE if width >= WIDTH else _SMALL_TITLE_SIZE
+    title_lines = _title_lines(title, width, size)
+    title_height = 0.0
+    if title_lines:
+        title_height = _TITLE + (len(title_lines) - 1) * _LINE * size
     heights = []
     if views is not None:
         image_height = _image_height(views, image_rows, image_columns, width)
@@ -141,17 +149,14 @@ def write_page(
         heights.append(panel_rows * _PANEL)
     with matplotlib.rc_context(_STYLE):
         figure = Figure(
-            figsize=(width, sum(heights) + (_TITLE if title else 0)),
+            figsize=(width, sum(heights) + title_height),
             dpi=dpi,
             facecolor="white",
             layout=ConstrainedLayoutEngine(w_pad=_PAD, h_pad=_PAD),
         )
         FigureCanvasAgg(figure)
-        if title:
-            size = _TITLE_SIZE
-            if width < WIDTH:
-                size = _SMALL_TITLE_SIZE
-            figure.suptitle(plain_text(title), x=_PAD / width, ha="left", size=size)
+        if title_lines:
+            figure.suptitle("\n".join(title_lines), x=_PAD / width, ha="left", size=size)
         parts = iter(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
         place = None
         if views is not None:
@@ -175,6 +180,21 @@ def write_page(
     else:
         replace_file(path, picture.getvalue())
     return place
+
+
+def _title_lines(title: str, width: float, size: float) -> list[str]:
+    """The title in lines that are no wider than the page; a very long one loses its end.
+
+    Args:
+        width: of the page [inches].
+        size: of the letters [points].
+    """
+    letters = max(int((width - 2 * _PAD) / (_TITLE_LETTER * size)), 1)
+    lines = textwrap.wrap(plain_text(title), letters)
+    if len(lines) > _MAX_TITLE_LINES:
+        lines = lines[:_MAX_TITLE_LINES]
+        lines[-1] = f"{lines[-1][: letters - 1]}…"
+    return lines
 
 
 # ---- images --------------------------------------------------------------------------------------

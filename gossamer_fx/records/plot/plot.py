@@ -14,7 +14,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import NAMES, scaled_axis
+from gossamer_fx.records.fields.units import NAMES, scaled_axis, scaled_unit
 from gossamer_fx.records.outputs.output import make_parent, replace_file
 from gossamer_fx.records.plot.camera import Camera, View, aim, render
 from gossamer_fx.records.plot.colours import (
@@ -232,15 +232,33 @@ def field_views(
     shapes = [colours.shape(run, record) for record in records]
     camera = aim(shapes, view)
     words = captions(run, records, camera.zooms)
+    ways = _positions(shapes)
     return Views(
         captions=[
-            caption + colours.caption(record)
-            for caption, record in zip(words, records, strict=True)
+            caption + way + colours.caption(record)
+            for caption, way, record in zip(words, ways, records, strict=True)
         ],
         size=camera.size,
         draw=lambda scale: render(camera, shapes, scale, colours),
         colours=colours,
     )
+
+
+def _positions(shapes: Sequence[Shape]) -> list[str]:
+    """Where the middle of a scene is that travels farther than its size, e.g. ", z = 1.7 km": the
+    coordinate along which it travels farthest.  Else empty words."""
+    if not all(len(shape.points) for shape in shapes):
+        return [""] * len(shapes)
+    boxes = [(shape.points.min(axis=0), shape.points.max(axis=0)) for shape in shapes]
+    middles = np.array([(low + high) / 2 for low, high in boxes])
+    largest = max(float((high - low).max()) for low, high in boxes)
+    ways = np.ptp(middles, axis=0)
+    if ways.max() <= largest:
+        return [""] * len(shapes)
+    axis = int(ways.argmax())
+    values = middles[:, axis]
+    factor, unit = scaled_unit(float(abs(values).max()), "m")
+    return [f", {'xyz'[axis]} = {value / factor:.4g}\u00a0{unit}" for value in values]
 
 
 def captions(run: RunReader, records: Sequence[int], zooms: Sequence[float]) -> list[str]:

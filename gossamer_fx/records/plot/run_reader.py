@@ -51,7 +51,8 @@ class RunReader(RunTables):
         bodies: the bodies on meshes, by name.
         axis: what `times` are: the time [s], or the load parameter of a path of equilibria.
         connector_names: of the items to which the lines of `connector_lines` belong.
-        point_names: of the bodies without a mesh, in the order of `dots`.
+        point_names: of the bodies without a mesh and of the attached masses, in the order of
+            `dots`.
         groups: names of the groups of the films' cells, see `fields.groups_of`; empty if the
             field "group" was not recorded.
         times: values on the axis at which pictures can be drawn: those of the fields or, without
@@ -76,8 +77,12 @@ class RunReader(RunTables):
         self.bodies = {name: RecordedBody(self.folder, name) for name in self.fields}
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
-        columns = [name for name in self.table("points.csv") if name not in self.not_values]
-        self.point_names = [name.removesuffix(" x") for name in columns[::3]]
+        self._masses = self._vectors("masses.csv", 3)
+        self.point_names: list[str] = []
+        for file in ("points.csv", "masses.csv"):
+            # The first of the columns of each point is e.g. "tip x".
+            firsts = [name for name in self.table(file) if name not in self.not_values][::3]
+            self.point_names += [name.removesuffix(" x") for name in firsts]
         self._poses = self._vectors("solids.csv", _VECTOR_PARTS)
         self._connectors = self._vectors("lines.csv", _LINE_PARTS)
         # The first of the columns of each line is e.g. "3 rope ax".
@@ -409,8 +414,9 @@ class RunReader(RunTables):
         return self._mean_tensions(self.connector_names, time)
 
     def dots(self, time: float) -> Array:
-        """Positions (n, 3) of the bodies without a mesh at a time [m]."""
-        return _at_time(self._points, time)
+        """Positions (n, 3) of the bodies without a mesh and of the attached masses at a time
+        [m]."""
+        return np.concatenate([_at_time(self._points, time), _at_time(self._masses, time)])
 
     def solid_points(self, time: float) -> list[Array]:
         """Points (n, 3) of each of the solids at a time [m]."""
@@ -455,12 +461,13 @@ def _refined(corners: Array, normals: Array, values: Array, states: Array) -> li
 
 
 class RecordedSolid:
-    """A solid from run.json: points X (n, 3) [m], triangles, lines, and whether it moves.
+    """A solid from run.json: name, points X (n, 3) [m], triangles, lines, and whether it moves.
 
     The poses of solids that move are in solids.csv, in the same order.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
+        self.name = str(about.get("name", "solid"))
         self.X: Array = np.array(about["X"], dtype=float).reshape(-1, 3)
         self.triangles = np.array(about["triangles"], dtype=np.int64).reshape(-1, 3)
         self.lines = np.array(about["lines"], dtype=np.int64).reshape(-1, 2)

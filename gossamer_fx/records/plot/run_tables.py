@@ -135,7 +135,7 @@ class RunTables:
 
 def _needs_all_numbers(table: str, column: str) -> bool:
     """Whether no value of a column of a table may be NaN: what is drawn, and the energy balance."""
-    if table in ("points.csv", "solids.csv", "lines.csv"):
+    if table in ("points.csv", "masses.csv", "solids.csv", "lines.csv"):
         return True
     return table == "ledger.csv" and not column.endswith(("_error", "residual"))
 

@@ -206,12 +206,16 @@ class RunView:
                 partial(self._connector_positions, lines),
                 partial(self._mean_tension, name, len(lines)),
             )
+        names_of_solids = [solid.name for solid in self.run.solids]
         for number, solid in enumerate(self.run.solids):
+            name = solid.name
+            if names_of_solids.count(name) > 1:
+                name = f"{name} {number + 1}"
             pieces = solid.triangles
             if not len(pieces):
                 pieces = solid.lines
             solid_positions = partial(self._solid_positions, number)
-            yield _Part(f"solid {number + 1}", pieces, solid_positions, _no_values)
+            yield _Part(name, pieces, solid_positions, _no_values)
         for number, name in enumerate(self.run.point_names):
             dot = partial(self._dot_position, number)
             yield _Part(name, np.zeros((0, 2), dtype=np.int64), dot, _no_values)
@@ -366,14 +370,14 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
         "names": [],
     }
     if colours.scale is not None:
-        factor, label = colours.scale.label
+        factor, _ = colours.scale.label
         return legend | {
             "low": colours.scale.low,
             "high": colours.scale.high,
             "ends": colours.scale.ends,
             "beyond": colours.scale.beyond,
             "factor": factor,
-            "unit": label[label.find("[") + 1 : -1],
+            "unit": colours.scale.multiple,
         }
     from matplotlib.colors import to_rgb
 
