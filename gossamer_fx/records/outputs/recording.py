@@ -459,7 +459,7 @@ class Recording(Continued):
         schedule = Schedule()
         if self._fields:
             schedule = self.schedule
-        masses = MassPoints(self.folder / "masses.csv", run.scene.items, schedule)
+        masses = AttachedMassPoints(self.folder / "masses.csv", run.scene.items, schedule)
         if masses:
             yield "masses.csv", masses
         ends = ConnectorLines(self.folder / "lines.csv", run.scene.items, schedule)
@@ -576,7 +576,7 @@ class FilmStates(TableOutput):
         return found
 
 
-class MassPoints(TableOutput):
+class AttachedMassPoints(TableOutput):
     """CSV file with the positions of the attached masses [m], three columns a mass."""
 
     def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
