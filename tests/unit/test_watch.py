@@ -121,8 +121,9 @@ def test_the_view_follows_the_run(fall: Fall, watch: gx.plot.Watch) -> None:
         assert ball == pytest.approx(reader.dots(record * DT), abs=1e-7)
     legend = ask(f"{watch.address}legend/{news['version']}/{number}")
     assert legend["high"] == pytest.approx(lengths.max(), rel=1e-3)
-    with urlopen(f"{watch.address}curves/{news['curves']}") as picture:
-        assert picture.read()[1:4] == b"PNG"
+    curves = ask(f"{watch.address}curves/{news['curves']}")
+    assert curves["records"] == pytest.approx([1e3 * DT * record for record in range(8)])
+    assert "Energy [" in curves["panels"][0]["title"]
 
 
 def test_the_scale_of_colours_has_the_newest_state(
@@ -425,6 +426,29 @@ def test_parts_are_hidden_and_cut(fall: Fall, watch: gx.plot.Watch, browser: Any
     assert page.inner_text("#depth-label").endswith(" m") and not is_drawn()
     set_slider(page, "#depth", 0)
     assert is_drawn()
+    page.close()
+
+
+def test_the_cursor_of_the_curves_follows_the_slider(
+    fall: Fall, watch: gx.plot.Watch, browser: Any
+) -> None:
+    """And a click on a curve moves the slider; values are those at the cursor."""
+    fall.go(8)
+    page = opened(browser, watch.address)
+    page.wait_for_selector("#curves[data-panels]")
+    page.wait_for_selector("#time[max='8']", timeout=30_000)
+    positions = []
+    for record in (2, 6):
+        set_slider(page, "#time", record)
+        page.wait_for_selector(f"#view[data-record='{record}']")
+        positions.append(float(page.get_attribute("#curves .cursor", "x1")))
+        assert page.inner_text("#curves .values").startswith(f"{record} ")
+    # From 52 to 372 of 380 units for 8 ms.
+    assert positions == pytest.approx([52 + 320 * 2 / 8, 52 + 320 * 6 / 8], abs=0.5)
+    picture = page.locator("#curves .panel > svg").first
+    frame = picture.bounding_box()
+    picture.click(position={"x": (52 + 320 * 4 / 8) / 380 * frame["width"], "y": 40})
+    page.wait_for_selector("#view[data-record='4']")
     page.close()
 
 

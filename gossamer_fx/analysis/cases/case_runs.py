@@ -15,7 +15,7 @@ from mpi4py import MPI
 from gossamer_fx.analysis.cases.recorded_numbers import recorded_numbers
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.outputs.output import Output
-from gossamer_fx.records.run.case import Case
+from gossamer_fx.records.run.case import Case, all_arguments
 from gossamer_fx.records.run.checkpoint import Checkpoints
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ class CaseRuns:
             words = ", ".join(f"{name}={value}" for name, value in values.items())
             self._progress(f"run with {words}")
         case = self._build(comm, **values)
+        parameters = all_arguments(self._build, values)
         if isinstance(case, Mapping):
             return case
         if not isinstance(case, Case):
@@ -72,7 +73,7 @@ class CaseRuns:
 
             if isinstance(case, StaticCase):
                 # What a search that was killed has left is replaced: it has no result.
-                return case.compute(folder, overwrite=True)
+                return case.compute(folder, overwrite=True, parameters=parameters)
         check(
             isinstance(case, Case),
             f"build returns {type(case).__name__}; let it return a gossamer_fx.Case or StaticCase, "
@@ -82,7 +83,8 @@ class CaseRuns:
         is_restart = comm.bcast(any(saves.glob("step-*")))
         restart = saves if is_restart else None
         # What a run without a checkpoint has left is replaced: it has no result.
-        outputs: list[Output] = [case.recording(folder, overwrite=True)]
+        recording = case.recording(folder, overwrite=True, parameters=parameters)
+        outputs: list[Output] = [recording]
         run = case.simulation(outputs, Checkpoints(saves), restart)
         run.run(until=case.until)
         numbers = recorded_numbers(comm, folder)

@@ -85,6 +85,7 @@ class StaticCase:
         outputs: Sequence[Output] = (),
         *,
         overwrite: bool = False,
+        parameters: Mapping[str, Any] | None = None,
     ) -> dict[str, float]:
         """Find what the case asks for, and write it to a folder in the files of a run.  Collective.
 
@@ -92,6 +93,7 @@ class StaticCase:
             folder: for the recording.
             outputs: what is called with each equilibrium, in addition to those of the case.
             overwrite: whether another record in the folder is replaced; else it is refused.
+            parameters: from which the scene was made, by name, see `Recording`.
 
         Returns:
             Numbers by name: of each probe the value at the end, the smallest and the largest one,
@@ -109,6 +111,7 @@ class StaticCase:
             probes=self.probes,
             every=1,
             title=self.title,
+            parameters=parameters,
             overwrite=overwrite,
         )
         modes_folder = Path(folder) / "modes"

@@ -13,7 +13,7 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -476,15 +476,16 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         from gossamer_fx.app.cli.no_progress import NoProgress
 
         watchers.append(NoProgress(comm, wanted.no_progress_after, wanted.scene))
-    case = _case(wanted, comm)
+    case, parameters = _case(wanted, comm)
     if not isinstance(case, Case):
-        _compute(wanted, case, folder, watchers)
+        _compute(wanted, case, folder, watchers, parameters)
         return
     if wanted.dry_run:
         _show(case, comm, restart, changes)
         return
     log_to(comm, wanted.log, quiet=wanted.quiet)
-    outputs: list[Output] = [case.recording(folder, overwrite=wanted.overwrite)]
+    recording = case.recording(folder, overwrite=wanted.overwrite, parameters=parameters)
+    outputs: list[Output] = [recording]
     outputs += watchers
     if not wanted.quiet:
         outputs.append(Progress())
@@ -504,7 +505,11 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 
 def _compute(
-    wanted: argparse.Namespace, case: StaticCase, folder: Path, watchers: Sequence[Output]
+    wanted: argparse.Namespace,
+    case: StaticCase,
+    folder: Path,
+    watchers: Sequence[Output],
+    parameters: Mapping[str, object],
 ) -> None:
     """Find and record the equilibria of a static case: `gossamer run`.  Collective.
 
@@ -526,7 +531,7 @@ def _compute(
         _describe(case.equilibrium, comm, "nothing was computed")
         return
     log_to(comm, wanted.log, quiet=wanted.quiet)
-    numbers = case.compute(folder, watchers, overwrite=wanted.overwrite)
+    numbers = case.compute(folder, watchers, overwrite=wanted.overwrite, parameters=parameters)
     if comm.rank == 0 and not wanted.quiet:
         result = case.equilibrium.result
         if result is not None:
@@ -597,8 +602,11 @@ def _sides(films: Iterable[Membrane]) -> Iterator[str]:
             )
 
 
-def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case | StaticCase:
-    """The `Case` or `StaticCase` that the function `build` of a scene file returns.  Collective.
+def _case(
+    wanted: argparse.Namespace, comm: MPI.Intracomm
+) -> tuple[Case | StaticCase, dict[str, object]]:
+    """The `Case` or `StaticCase` that the function `build` of a scene file returns, and all
+    arguments of the function by name.  Collective.
 
     Raises:
         InputError: the file does not exist, it has no `build`, or `build` has other arguments or
@@ -609,7 +617,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case | StaticCase:
 
     from gossamer_fx.app.cli.user_files import build_of, check_arguments_of, guarded, load, option
     from gossamer_fx.core.checks.errors import InputError, check
-    from gossamer_fx.records.run.case import Case
+    from gossamer_fx.records.run.case import Case, all_arguments
 
     path: Path = wanted.scene
     check(
@@ -637,8 +645,9 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case | StaticCase:
         not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE."
     )
     case = guarded(comm, path, wanted.debug, lambda: build(comm, **options))
+    used = all_arguments(build, options)
     if isinstance(case, Case):
-        return case
+        return case, used
     from gossamer_fx.analysis.cases.static_case import StaticCase
 
     if not isinstance(case, StaticCase):
@@ -646,7 +655,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case | StaticCase:
             f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case, "
             "or a gossamer_fx.analysis.StaticCase of an equilibrium."
         )
-    return case
+    return case, used
 
 
 def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:

@@ -166,7 +166,7 @@ def draw_lines(
     start = float(every_t.min()) / factor
     end = float(every_t.max()) / factor
     header = partial(_draw_key, key) if key.first else None
-    write_page(path, title, None, Curves(panels, start, end, axis.label(unit), header))
+    write_page(path, title, None, Curves(panels, start, end, axis.label(unit), key=header))
 
 
 def _lines_of(run: RunTables, result: Result) -> list[tuple[str, _Line]]:

@@ -164,6 +164,13 @@ def as_data(solid: Solid) -> dict[str, Any]:
     }
 
 
+def _plain(value: Any) -> Any:
+    """A number, a word or None as it is, for JSON; what else there is as text."""
+    if isinstance(value, float) and not np.isfinite(value):
+        return str(value)
+    return value if isinstance(value, str | int | float | None) else str(value)
+
+
 def _pose_component(solid: Solid, index: tuple[int, int], run: StateView) -> float:
     """A component of a solid's pose (4, 3), its origin and axes, as a probe."""
     return float(pose_of(solid, run.system)[index])
@@ -200,6 +207,8 @@ class Recording(Continued):
         interval: time between two records of the fields [s] instead, each at the end of the step
             that contains it; a warning says so if steps are longer.  Not together with the others.
         title: a line for pictures and reports.
+        parameters: numbers and words from which the scene was made, by name, for run.json and the
+            report, e.g. {"cells": 12}.
         states_every: steps between two rows of states.csv; default: as often as the fields.
         overwrite: whether another run in the folder is replaced.  Its files are removed when the
             first state is recorded, so that a run that is refused destroys nothing.
@@ -228,11 +237,13 @@ class Recording(Continued):
         times: Times = (),
         interval: Annotated[float, positive("s")] | None = None,
         title: str = "",
+        parameters: Mapping[str, Any] | None = None,
         states_every: Every | None = None,
         overwrite: bool = False,
     ) -> None:
         self.folder = Path(folder)
         self.title = title
+        self.parameters = dict(parameters or {})
         self.overwrite = overwrite
         self.fields = dict(fields or {})
         self.probes = dict(probes or {})
@@ -387,6 +398,7 @@ class Recording(Continued):
             "format": FORMAT,
             "title": self.title,
             "scene": describe(run),
+            "parameters": {name: _plain(value) for name, value in self.parameters.items()},
             "arguments": arguments_of(run.scene.items),
             "fields": {name: list(output.fields) for name, output in self._fields.items()},
             "at": self.at,

@@ -244,6 +244,7 @@ _RUN = {
         "momentum": _POINT,
         "angular momentum": _POINT,
     },
+    "parameters?": {str: object},
     "arguments?": {str: {str: object}},
     "kind": str,
     "axis": {"name": str, "unit": str, "at": float, "until": float},

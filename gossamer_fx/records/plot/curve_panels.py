@@ -70,6 +70,7 @@ class Curves:
         start: of the axis, in its unit.
         end: of the axis, in its unit.
         label: of the axis, e.g. "t [ms]".
+        at: function that returns the positions on the axis of values of the run's own axis.
         key: function that draws what the colours of all panels mean, on axes in a line above them;
             None: each panel says it.
     """
@@ -78,6 +79,7 @@ class Curves:
     start: float = 0.0
     end: float = 1.0
     label: str = "t [s]"
+    at: Callable[[Array], Array] = np.asarray
     key: Panel | None = None
 
 
@@ -172,7 +174,15 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
             for title, curves in _few(grouped(_without(probes, run.not_values))).items()
             if any((np.isfinite(values) & (values != 0)).any() for values in curves.values())
         ]
-    return Curves(panels, start=float(t.min()), end=float(t.max()), label=axis.label(unit))
+
+    def at(values: Array) -> Array:
+        """Positions on the axis, which of a path of equilibria are loads."""
+        if folds:
+            return np.interp(values, points, loads) / factor
+        return np.asarray(values) / factor
+
+    start = float(t.min())
+    return Curves(panels, start=start, end=float(t.max()), label=axis.label(unit), at=at)
 
 
 def grouped(probes: Tables) -> dict[str, Tables]:
@@ -391,7 +401,7 @@ def _lines(
             values = np.where(values == 0, np.nan, abs(values))
             if curves[name][-1] < 0:
                 label = f"−{name}"
-        axes.plot(t, values, color=colours[name])
+        axes.plot(t, values, color=colours[name], label=label)
         ends.append((label, _last_finite(values), colours[name]))
         shown[name] = values
     _fill_bands(t, shown, colours, axes)
@@ -414,7 +424,7 @@ def _states(t: Array, shares: Tables, axes: Axes) -> None:
     """
     colours = [STATE_COLOURS[STATES[name]] for name in shares]
     percent = [100 * values for values in shares.values()]
-    axes.stackplot(t, *percent, colors=colours, linewidth=0)
+    axes.stackplot(t, *percent, colors=colours, linewidth=0, labels=list(shares))
     axes.set_ylim(0, 100)
     ends: list[End] = []
     top = 0.0
@@ -440,7 +450,7 @@ def _errors(t: Array, errors: Tables, axes: Axes) -> None:
         values = np.where(errors[name] == 0, np.nan, abs(errors[name]))
         largest_so_far = np.fmax.accumulate(values)
         axes.plot(t, values, color=colour, linewidth=0.5, alpha=0.5)
-        axes.plot(t, largest_so_far, color=colour)
+        axes.plot(t, largest_so_far, color=colour, label=name)
         ends.append((name, _last_finite(largest_so_far), colour))
     highest = max((3 * end for _, end, _ in ends if np.isfinite(end)), default=0.0)
     axes.set_ylim(_SMALLEST_ERROR, max(_USUAL_ERROR, highest))
@@ -485,7 +495,7 @@ def _probes(
     shown = {name: values / factor for name, values in curves.items()}
     ends: list[End] = []
     for name, values in shown.items():
-        axes.plot(t, values, color=colours[name])
+        axes.plot(t, values, color=colours[name], label=name or None)
         if name:
             ends.append((name, float(values[-1]), colours[name]))
     _fill_bands(t, shown, colours, axes)

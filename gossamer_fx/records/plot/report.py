@@ -21,6 +21,7 @@ import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.records.outputs.description import lines, number_text
 from gossamer_fx.records.outputs.output import replace_file
@@ -29,6 +30,7 @@ from gossamer_fx.records.plot.answers import HEAD as ANSWERS_HEAD
 from gossamer_fx.records.plot.answers import answers, is_round_off, ledger_unit
 from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import default_field
+from gossamer_fx.records.plot.curve_data import curve_data
 from gossamer_fx.records.plot.curve_panels import STORED, Curves, run_curves
 from gossamer_fx.records.plot.page import Views, write_page
 from gossamer_fx.records.plot.plot import file_to_write
@@ -37,7 +39,7 @@ from gossamer_fx.records.plot.viewer import RunView
 from gossamer_fx.solve.view import LOAD_FACTOR, Axis
 
 _STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
+body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1400px; margin: 2em auto; padding: 0 1em; }
 h1 { font-size: 1.6em; font-weight: 500; margin-bottom: 0.1em; }
 h2 { font-size: 1.15em; font-weight: 500; margin-top: 2em; }
 p.status { color: #66707a; margin-top: 0; } p.status.bad { color: #b3441e; }
@@ -51,10 +53,12 @@ th { color: #66707a; } td.number { white-space: nowrap; } td.number, th.number {
 #legend i { display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid #66707a; vertical-align: -0.1em; }
 #legend b { display: inline-block; width: 12em; height: 0.7em; max-width: 40vw; }
 #picked { white-space: pre-line; overflow-wrap: anywhere; margin: 0.3em 0; } [hidden] { display: none !important; }
-div.table { overflow-x: auto; }
+div.table { overflow-x: auto; } #curves { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 340px), 1fr)); gap: 0.8em 1.2em; }
+#curves svg { display: block; width: 100%; } #curves .panel > svg { touch-action: pan-y; cursor: pointer; } #curves p { margin: 0; font-size: 13px; overflow-wrap: anywhere; }
+#curves .values { color: #66707a; font-size: 12px; min-height: 1.5em; } #curves .values span { margin-right: 0.7em; } #curves .values svg { display: inline; width: 10px; }
 @media (min-width: 1100px) {
   #watch { display: grid; grid-template-columns: minmax(0, 1fr) 380px; gap: 1.5em; }
-  #curves-frame { max-height: 85vh; overflow-y: auto; } #watch #view { height: 60vh; }
+  #watch #curves { max-height: 88vh; overflow-y: auto; display: block; } #watch #view { height: 60vh; }
 }
 @media (max-width: 700px) {
   body { margin: 0.8em auto; padding: 0 0.7em; } #view { height: 320px; }
@@ -74,6 +78,9 @@ VIEW = """
 <p id="picked" class="status">Click on a point for its values. Drag to turn, shift-drag to move, wheel to zoom.</p>
 <div class="bar" id="copying" hidden><input id="probe" readonly><button id="copy">Copy probe</button></div></div>
 """.strip()
+
+# The script replaces the words.
+CURVES = '<div id="curves">Curves need JavaScript; gossamer plot --curves draws them, too.</div>'
 
 # Characters with a meaning in HTML, and line ends that JSON allows and JavaScript does not; JSON
 # can write them so.
@@ -129,20 +136,30 @@ def _page(run: RunReader) -> Iterable[str]:
     kind, words = status_words(run.about)
     yield f'<p class="{kind}">{escape(words)}</p>'
     yield f'<p class="status">{escape(_origin(run))}</p>'
+    parameters = run.about.get("parameters", {})
+    if parameters:
+        words = ", ".join(f"{name} {value}" for name, value in parameters.items())
+        yield f'<p class="status">with {escape(words)}</p>'
     rows = list(answers(run))
     if rows:
         yield "<h2>Answers</h2>" + _table(ANSWERS_HEAD, rows)
+    # The energies of a mode are those of an arbitrary amplitude.
+    curves = Curves([])
+    if run.kind != "mode" and len(run.along(ledger)) > 1:
+        curves = run_curves(run)
+    if shows_scene and curves.panels:
+        # Next to each other where there is room, so that both are seen at the same time.
+        yield f'<div id="watch">{VIEW}{CURVES}</div>'
+    elif shows_scene:
+        yield VIEW
+    elif curves.panels:
+        yield CURVES
     if shows_scene:
         field = default_field(run)
-        yield VIEW
         if len(run.times) > 1:
             yield f"<h2>Over the {escape(run.axis.name)}</h2>"
         views = pictures.strip_views(run, field, pictures.STRIP_COUNT, View())
         yield _image(f"{field} at six times", views)
-    # The energies of a mode are those of an arbitrary amplitude.
-    if run.kind != "mode" and len(run.along(ledger)) > 1:
-        words = "energies, pressures, states, errors, iterations"
-        yield _image(words, None, run_curves(run))
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
     if run.kind == "equilibrium":
         yield "<h2>Equilibria</h2>" + _table(_EQUILIBRIA_HEAD, _equilibria(run, ledger))
@@ -158,8 +175,15 @@ def _page(run: RunReader) -> Iterable[str]:
     numbers = [*_pairs(run.about["method"]), *_pairs(run.about["statistics"])]
     yield "<h2>Solver</h2>" + _table((), numbers)
     yield "<h2>Versions</h2>" + _table((), _pairs(run.about["versions"]))
+    data: dict[str, Any] = {}
+    records: Array = np.zeros(0)
     if shows_scene:
-        yield view_scripts(RunView(run).whole())
+        data = RunView(run).whole()
+        records = np.asarray(run.times)[data["records"]]
+    if curves.panels:
+        data["curves"] = curve_data(curves, curves.at(records))
+    if data:
+        yield view_scripts(data)
     yield "</body></html>"
 
 
@@ -210,10 +234,11 @@ def view_scripts(data: Mapping[str, Any]) -> str:
 
 @cache
 def _script() -> str:
-    """The library three.js and our script, which uses it."""
+    """The library three.js and our scripts, which use it."""
     folder = Path(__file__).parent
     return "\n".join(
-        (folder / name).read_text(encoding="utf-8") for name in ("three.min.js", "viewer.js")
+        (folder / name).read_text(encoding="utf-8")
+        for name in ("three.min.js", "curves.js", "viewer.js")
     )
 
 
@@ -250,10 +275,10 @@ def status_words(about: Mapping[str, Any]) -> tuple[str, str]:
     return kind, words
 
 
-def _image(words: str, views: Views | None, curves: Curves | None = None) -> str:
-    """Pictures or curves as an image of the HTML page; `words` stand for it if it is not shown."""
+def _image(words: str, views: Views) -> str:
+    """Pictures as an image of the HTML page; `words` stand for it if it is not shown."""
     file = BytesIO()
-    write_page(file, "", views, curves)
+    write_page(file, "", views)
     data = b64encode(file.getvalue()).decode()
     return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
 

@@ -2,7 +2,9 @@
 "use strict";
 (function () {
   const $ = id => document.getElementById(id);
-  const canvas = $("view"), slider = $("time"), chooser = $("field"), factor = $("factor"), cut = $("cut"), depth = $("depth");
+  const canvas = $("view");
+  if (!canvas) return; // a run with curves only
+  const slider = $("time"), chooser = $("field"), factor = $("factor"), cut = $("cut"), depth = $("depth");
   const given = JSON.parse($("run-data").textContent);
   let renderer;
   try {
@@ -15,11 +17,7 @@
   // ---- data ----
   const binary = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
 
-  // Rows of numbers, which are fractions of the range of each column; 65535 stands for no number.
-  function unpacked({ low, span, data }) {
-    const raw = new Uint16Array(binary(data)), columns = low.length;
-    return Float64Array.from(raw, (n, i) => n === 65535 ? NaN : low[i % columns] + n / 65534 * span[i % columns]);
-  }
+  const unpacked = curves.unpacked;
 
   async function ask(path) {
     const answer = await fetch(path, { cache: "no-store" });
@@ -29,7 +27,7 @@
     return data;
   }
 
-  let header, version = 0, coloured = 0; // states that the scales of colours have
+  let header, version = 0, coloured = 0, drawn = 0; // states that the scales of colours have, and rows of the curves
   let legends = new Map(), states = new Map();
   const MOST_STATES = 100; // in memory; a report has no more than 80
 
@@ -210,6 +208,7 @@
     parts.forEach((part, i) => fill(part, shown.values[i], states[i]));
     $("time-label").textContent = header.labels[record];
     Object.assign(canvas.dataset, { record, field: header.fields[field] || "" });
+    curves.at(record);
     if (isFirst) home();
     tell();
     draw();
@@ -370,6 +369,11 @@
     }
   }
   const showNow = () => attempt(show);
+  function goTo(record) {
+    if (record > Number(slider.max)) return;
+    slider.value = record;
+    showNow();
+  }
   $("play").onclick = play;
   slider.oninput = chooser.onchange = showNow;
   factor.oninput = $("follow").onchange = showNow;
@@ -424,14 +428,17 @@
     coloured = news.legends;
     setLabels(news.labels);
     if (isNew || news.labels.length !== count) await show();
-    const curves = `curves/${news.curves}`;
-    if (news.curves && $("curves").getAttribute("src") !== curves) $("curves").src = curves;
+    if (news.curves && news.curves !== drawn) {
+      curves.set(await ask(`curves/${news.curves}`), goTo);
+      drawn = news.curves;
+    }
   }
   async function poll() {
     await attempt(follow);
     setTimeout(poll, 1000);
   }
 
+  if (given.curves) curves.set(given.curves, goTo);
   if (given.header) {
     setHeader(given.header);
     setLabels(header.labels);

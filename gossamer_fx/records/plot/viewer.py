@@ -9,19 +9,18 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import SLACK
 from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES
 from gossamer_fx.records.plot.colours import Colouring, colouring, default_field
+from gossamer_fx.records.plot.packing import NUMBER_BYTES, binary, packed
 from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
 from gossamer_fx.records.plot.shapes import Integers
 
@@ -35,9 +34,6 @@ _FINEST = (
 )
 _COARSER = 1.25
 _KINDS = ("state", "group")  # fields whose values are numbers of kinds
-_NUMBER_BYTES = 2  # numbers are sent with 16 bits, as fractions of their range in a state
-_LARGEST_NUMBER = 65534
-_NO_NUMBER = 65535  # where a part does not have a field
 # Way of the parts over their size from which on the view moves with them, as the camera does.
 _FAR = 1.6
 
@@ -142,7 +138,7 @@ class RunView:
         mesh = self._meshes.index(self._files(record))
         parts = self._parts[mesh]
         moved = [
-            _packed(part.positions(record) - start)
+            packed(part.positions(record) - start)
             for part, start in zip(parts, self._starts[mesh], strict=True)
         ]
         values: dict[int, list[dict[str, Any] | None]] = {}
@@ -154,7 +150,7 @@ class RunView:
                     of_parts.append(None)
                     continue
                 numbers, at_points = found
-                of_parts.append(_packed(numbers[:, None]) | {"atPoints": at_points})
+                of_parts.append(packed(numbers[:, None]) | {"atPoints": at_points})
             values[self.fields.index(field)] = of_parts
         return {"mesh": mesh, "moved": moved, "values": values}
 
@@ -168,11 +164,12 @@ class RunView:
         for part in self._parts[0]:
             points = len(part.positions(0))
             numbers += 3 * points + len(self.fields) * max(points, len(part.pieces))
-        affordable = int(_MAX_BYTES / max(_NUMBER_BYTES * numbers, 1))
+        affordable = int(_MAX_BYTES / max(NUMBER_BYTES * numbers, 1))
         frames = min(max(affordable, 2), _MAX_FRAMES, max(count, 2))
         times = np.linspace(self.run.times[0], self.run.times[-1], frames)
         records = sorted({self.run.record_at(time) for time in times})
         return {
+            "records": records,
             "header": self.header(records),
             "legends": [self.legend(field) for field in self.fields],
             "states": [self.state(record, self.fields) for record in records],
@@ -348,12 +345,12 @@ def _mesh(part: _Part, start: Array) -> dict[str, Any]:
     found = {
         "name": part.name,
         "corners": part.pieces.shape[1],
-        "pieces": _binary(part.pieces, np.uint32),
+        "pieces": binary(part.pieces, np.uint32),
         "origin": origin.tolist(),
-        "start": _binary(start - origin, np.float32),
+        "start": binary(start - origin, np.float32),
     }
     if part.X is not None:
-        found["X"] = _binary(part.X, np.float64)
+        found["X"] = binary(part.X, np.float64)
     return found
 
 
@@ -386,23 +383,3 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
         distance = abs(colours.table[:-1] - np.asarray(to_rgb(colour))).sum(axis=1)
         legend["names"].append([kind, int(distance.argmin())])
     return legend
-
-
-def _packed(values: Array) -> dict[str, Any]:
-    """Rows of numbers (n, k): the least of each column, its range, and fractions of this range as
-    integers of 16 bits, `_NO_NUMBER` for those that are not finite."""
-    low = np.zeros(values.shape[1])
-    span = np.zeros(values.shape[1])
-    is_known = np.isfinite(values)
-    if is_known.any():
-        low = np.min(values, axis=0, where=is_known, initial=np.inf)
-        span = np.max(values, axis=0, where=is_known, initial=-np.inf) - low
-    part = np.where(is_known, values - low, 0.0) / np.where(span > 0, span, 1.0)
-    numbers = np.where(is_known, np.rint(_LARGEST_NUMBER * part), _NO_NUMBER)
-    return {"low": low.tolist(), "span": span.tolist(), "data": _binary(numbers, np.uint16)}
-
-
-def _binary(values: npt.NDArray[Any], kind: type) -> str:
-    """Numbers as base64 of little-endian binary numbers."""
-    binary = np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<"))
-    return b64encode(binary.tobytes()).decode()

@@ -26,18 +26,16 @@ from urllib.parse import urlsplit
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.checks.strange_files import check_inside
+from gossamer_fx.records.plot.curve_data import curve_data
 from gossamer_fx.records.plot.curve_panels import run_curves
-from gossamer_fx.records.plot.page import write_page
-from gossamer_fx.records.plot.report import VIEW, page_head, status_words, view_scripts
+from gossamer_fx.records.plot.report import CURVES, VIEW, page_head, status_words, view_scripts
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.viewer import RunView
 
 _HOST = "127.0.0.1"
-_CURVES_WIDTH = 4.0  # of the picture of the curves, at the right of the view [inches]
-# Time from one picture of the curves, or one scale of colours, to the next over the CPU time that
+# Time from one set of curves, or one scale of colours, to the next over the CPU time that
 # it takes to make one: the cores belong to the run, which also makes the drawing wait.
 _PAUSE = 5.0
-_CURVES = '<div id="curves-frame"><img id="curves" alt=""></div>'
 _MAX_PORT = 65535
 
 
@@ -124,7 +122,7 @@ class _Answers:
         self._count = 0  # of states when the view was made
         self._legends_count = 0  # of states that the scales of colours have
         self._next_legends = 0.0
-        self._curves = b""
+        self._curves: dict[str, Any] = {}
         self._curves_count = 0
         self._next_curves = 0.0
 
@@ -167,10 +165,10 @@ class _Answers:
     def page(self) -> str:
         """The HTML page, which asks for everything else."""
         title = self._folder.name
-        head = page_head(title, "img-src 'self'; connect-src 'self'")
+        head = page_head(title, "connect-src 'self'")
         status = '<p class="status" id="status">waiting for the run</p>'
         scripts = view_scripts({})
-        return f'{head}{status}<div id="watch">{VIEW}{_CURVES}</div>{scripts}</body></html>'
+        return f'{head}{status}<div id="watch">{VIEW}{CURVES}</div>{scripts}</body></html>'
 
     def progress(self) -> dict[str, Any]:
         """How far the run is, and which version of the view and of the curves there is."""
@@ -196,16 +194,15 @@ class _Answers:
         }
 
     def _draw_curves(self, run: RunReader) -> None:
-        """Draw the curves again, unless that was done a short time ago."""
+        """Make the data of the curves again, unless that was done a short time ago."""
         rows = len(run.along(run.table("ledger.csv")))
         is_due = time.monotonic() >= self._next_curves or run.about["status"] != "running"
         # The energies of a mode are those of an arbitrary amplitude.
         if run.kind == "mode" or rows < 2 or rows == self._curves_count or not is_due:
             return
         began = time.thread_time()
-        picture = BytesIO()
-        write_page(picture, "", None, run_curves(run), width=_CURVES_WIDTH)
-        self._curves = picture.getvalue()
+        curves = run_curves(run)
+        self._curves = curve_data(curves, curves.at(run.times))
         self._curves_count = rows
         self._next_curves = time.monotonic() + _PAUSE * (time.thread_time() - began)
 
@@ -218,12 +215,12 @@ class _Answers:
         """
         if words == [""]:
             return "text/html; charset=utf-8", self.page().encode(errors="replace")
-        if words == ["curves", str(self._curves_count)]:
-            return "image/png", self._curves
         data: Mapping[str, Any] | None = None
         try:
             if words == ["progress"]:
                 data = self.progress()
+            elif words == ["curves", str(self._curves_count)] and self._curves:
+                data = self._curves
             elif self._view is not None:
                 data = self._part_of_view(self._view, words[0], words[1:])
         except (InputError, OSError) as error:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.records.outputs.output import Output, Probe
@@ -70,13 +71,20 @@ class Case:
     outputs: Sequence[Output] = ()
 
     @check_arguments
-    def recording(self, folder: str | Path, *, overwrite: bool = False) -> Recording:
+    def recording(
+        self,
+        folder: str | Path,
+        *,
+        overwrite: bool = False,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> Recording:
         """The output that writes the folder of the run: ledger, probes and fields at `frames`
         times.
 
         Args:
             folder: of the run.
             overwrite: whether another run in the folder is replaced; else it is refused.
+            parameters: from which the scene was made, by name, see `Recording`.
 
         Raises, when a run is made with it:
             InputError: an unknown field or film, or a folder that holds another run.
@@ -92,6 +100,7 @@ class Case:
             probes=self.probes,
             interval=self.until / frames,
             title=self.title,
+            parameters=parameters,
             overwrite=overwrite,
         )
 
@@ -131,3 +140,11 @@ class Case:
             restart=restart,
             changes=changes,
         )
+
+
+def all_arguments(build: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of a function that builds a case, after the communicator: those that are given,
+    and the defaults of the others."""
+    parameters = list(inspect.signature(build).parameters.values())[1:]
+    defaults = {one.name: one.default for one in parameters if one.default is not one.empty}
+    return {**defaults, **given}
