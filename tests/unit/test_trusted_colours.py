@@ -16,7 +16,7 @@ from PIL import Image
 import gossamer_fx as gx
 from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.records.plot.camera import aim, render
+from gossamer_fx.records.plot.camera import View, aim, render
 from gossamer_fx.records.plot.colours import MISSING_COLOUR, Limits, by_state, colouring
 from gossamer_fx.records.plot.colours import scale as scale_of
 from gossamer_fx.records.plot.page import Views, write_page
@@ -54,8 +54,12 @@ def drawn(run: gx.plot.RunReader, field: str, limits: Limits) -> tuple[np.ndarra
     """The picture (height, width, 3) of the first state, and its colours."""
     colours = colouring(run, field, limits, [0])
     shape = colours.shape(run, 0)
-    image = next(render(aim([shape]), [shape], 150.0, colours))
+    image = next(render(aim([shape], FLAT), [shape], 150.0, colours))
     return image, colours
+
+
+# Of pictures whose colours are read back.
+FLAT = View(flat=True)
 
 
 def is_inside(image: np.ndarray) -> np.ndarray:
@@ -93,7 +97,7 @@ def test_an_animation_keeps_the_colours_of_the_bar(
     recorded: gx.plot.RunReader, tmp_path: Path
 ) -> None:
     """Within four of 255 steps: a GIF has 255 colours besides white, which stays white."""
-    gx.plot.animate(recorded, "displacement", path=tmp_path / "a.gif", seconds=0.2)
+    gx.plot.animate(recorded, "displacement", path=tmp_path / "a.gif", seconds=0.2, view=FLAT)
     with Image.open(tmp_path / "a.gif") as frames:
         frames.seek(1)
         image = np.asarray(frames.convert("RGB")) / 255
@@ -150,7 +154,7 @@ def test_slack_film_is_hatched_in_every_field(recorded: gx.plot.RunReader, field
     assert not shape.is_slack[~is_bent].any()
     # Lines of the hatch on the slack part only, which is a quarter of the bent film.
     plain = replace(shape, is_slack=np.zeros_like(shape.is_slack))
-    without = next(render(aim([plain]), [plain], 150.0, colours))
+    without = next(render(aim([plain], FLAT), [plain], 150.0, colours))
     is_line = abs(image - without).max(axis=2) > 0.1
     assert 100 < is_line.sum() < 0.2 * is_inside(without).sum()
 
@@ -290,3 +294,33 @@ def test_the_command_takes_limits(
     assert file.is_file()
     assert main([*words, "--range", "2", "1"]) == 2
     assert "give a larger high" in capsys.readouterr().err
+
+
+def test_a_lit_film_has_the_colours_of_the_bar_darkened(recorded: gx.plot.RunReader) -> None:
+    """By one factor for red, green and blue, from 0.55 on; where it faces the eye by none."""
+    colours = colouring(recorded, "displacement", Limits(low=0.0, high=1.5, part="flat"))
+    shape = colours.shape(recorded, 0)
+    for elevation in (0.5 * np.pi, 0.3):
+        image = next(render(aim([shape], View(0.0, elevation)), [shape], 150.0, colours))
+        pixels = image[is_inside(image) & (np.ptp(image, axis=2) > 0.1)]
+        colour = colours.table[round(2 * LIFT / 1.5 * (len(colours.table) - 2))]
+        # Of a flat film the sine of the elevation is the cosine between normal and eye.
+        expected = colour * (0.55 + 0.45 * np.sin(elevation))
+        assert abs(pixels - expected).max() < 0.02
+
+
+def test_edges_of_the_mesh_are_drawn_on_request(recorded: gx.plot.RunReader) -> None:
+    """Dark lines; each edge of the mesh is one."""
+    colours = colouring(recorded, "displacement")
+    shape = colours.shape(recorded, 0)
+    mesh, _ = recorded.bodies["flat"].at(0)
+    corners = len(np.unique(mesh.vertices))
+    # Of a sheet Euler's number of points less edges and triangles is one.
+    of_flat = mesh.edges_of(mesh.positions(0)[mesh.pieces])
+    assert corners - len(of_flat) + len(mesh.pieces) == 1
+    images = [
+        next(render(aim([shape], View(edges=edges)), [shape], 150.0, colours))
+        for edges in (False, True)
+    ]
+    dark = [(image.max(axis=2) < 0.45).sum() for image in images]
+    assert dark[1] > dark[0] + 300

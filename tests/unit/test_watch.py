@@ -308,6 +308,21 @@ def test_the_command_refuses_what_it_cannot_show(tmp_path: Path) -> None:
         assert found.stderr.count("\n") == 1
 
 
+def test_the_time_left_is_told_when_the_rate_is_known(
+    fall: Fall, watch: gx.plot.Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from gossamer_fx.records.plot.watch import _Answers, _duration
+
+    clock = iter([0.0, 10.0, 20.0])
+    monkeypatch.setattr("gossamer_fx.records.plot.watch.time.monotonic", lambda: next(clock))
+    answers = _Answers(fall.folder)
+    assert answers._time_left(0.2, 1.0) == ""
+    # 0.001 of 0.8 is too little to know the rate; 0.2 in 20 s leave 60 s for 0.6.
+    assert answers._time_left(0.201, 1.0) == ""
+    assert answers._time_left(0.4, 1.0) == ", about 60 s left"
+    assert [_duration(one) for one in (0.1, 130.0, 9000.0)] == ["1 s", "2 min", "2 h"]
+
+
 # ---- the browser ---------------------------------------------------------------------------------
 
 
@@ -449,6 +464,53 @@ def test_the_cursor_of_the_curves_follows_the_slider(
     frame = picture.bounding_box()
     picture.click(position={"x": (52 + 320 * 4 / 8) / 380 * frame["width"], "y": 40})
     page.wait_for_selector("#view[data-record='4']")
+    page.close()
+
+
+def test_a_field_is_read_in_the_view(
+    fall: Fall, watch: gx.plot.Watch, browser: Any, tmp_path: Path
+) -> None:
+    """Marks of its extremes, its curve at a picked point, other ends of the colours, edges, sides
+    from which it is seen, and a picture in a file; a hidden part has no mark and no curve."""
+    fall.go(40)
+    page = opened(browser, watch.address)
+    page.wait_for_selector("#view[data-record='40']", timeout=30_000)
+    page.select_option("#field", label="Displacement")
+    page.wait_for_selector("#view[data-field='Displacement']")
+    page.check("#extremes")
+    page.wait_for_function("document.getElementById('extreme-words').textContent")
+    film = gx.plot.RunReader(fall.folder).bodies["film"]
+    mesh, step = film.at(40)
+    largest = np.linalg.norm(mesh.components("displacement", step), axis=1).max()
+    said = re.match(r"Largest: (\S+) mm at", page.inner_text("#extreme-words"))
+    assert said is not None and float(said[1]) == pytest.approx(1e3 * largest, rel=1e-3)
+    frame = page.locator("#view").bounding_box()
+    page.mouse.click(frame["x"] + 0.4 * frame["width"], frame["y"] + 0.75 * frame["height"])
+    page.wait_for_selector("#history", timeout=60_000)
+    title = page.inner_text("#history .title")
+    assert title == "Displacement [mm] at the point of film"
+    before = page.locator("#view").screenshot()
+    for box in ("#edges", "#light"):
+        page.click(box)
+        page.wait_for_timeout(300)
+        after = page.locator("#view").screenshot()
+        assert after != before
+        before = after
+    page.fill("#high", "0.5")
+    page.wait_for_timeout(300)
+    assert page.locator("#view").screenshot() != before
+    seen = set()
+    for side in ("iso", "x", "y", "z"):
+        page.click(f"#look-{side}")
+        seen.add(page.locator("#view").screenshot())
+    assert len(seen) == 4
+    with page.expect_download() as download:
+        page.click("#picture")
+    assert download.value.suggested_filename == "A_fall_t_=_40_ms.png"
+    page.get_by_role("checkbox", name="film").uncheck()
+    page.wait_for_selector("#history", state="detached")
+    assert page.is_hidden("#copying") and "Click on a point" in page.inner_text("#picked")
+    assert page.inner_text("#extreme-words") == ""
     page.close()
 
 

@@ -367,6 +367,10 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument(
         "--zoom", action="store_true", help="each picture as large as its frame allows"
     )
+    plot.add_argument(
+        "--flat", action="store_true", help="numbers have the colours of the bar, without light"
+    )
+    plot.add_argument("--edges", action="store_true", help="the edges of the mesh on films")
     plot.add_argument("-o", "--output", type=Path, help="file; default: in the folder of the run")
     plot.set_defaults(command=_plot)
 
@@ -764,7 +768,14 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         None if a is None else math.radians(a)
         for a in (wanted.azimuth_degrees, wanted.elevation_degrees)
     )
-    view = View(azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom)
+    view = View(
+        azimuth,
+        elevation,
+        follow=wanted.follow or None,
+        zoom=wanted.zoom,
+        flat=wanted.flat,
+        edges=wanted.edges,
+    )
     low, high = wanted.range or (None, None)
     limits = Limits(low, high, wanted.part, wanted.each_time, wanted.log)
     field: str = wanted.field or ""

@@ -39,6 +39,9 @@ _AMBIENT = 0.35  # share of light that comes from everywhere
 _GLOSS = 0.35  # share of the range of brightness for reflections
 _SHININESS = 24  # exponent of Phong's reflection
 _HALF_LINE = 1.3  # pixels of the image
+_HALF_EDGE = 0.4  # of edges of the mesh
+# Brightness of the number of a surface that is seen on edge, as in the view of a report.
+_DARKEST = 0.55
 _DOT = 5.0  # radius in pixels of the image
 _DOT_SECTORS = 24
 _OUTLINE = 6.0  # pixels of the image: jump in depth that is outlined
@@ -63,6 +66,9 @@ class View:
         follow: whether the camera moves with the shapes; None: if they travel far.
         zoom: whether each picture is as large as its frame allows, with a note of its enlargement;
             otherwise all have one scale.
+        flat: whether each number has exactly the colour of the bar; otherwise shapes are lit, and
+            only surfaces that face the eye have it, others the same colour darkened.
+        edges: whether the edges of the mesh are drawn on films.
 
     Raises:
         InputError: an angle out of its range.
@@ -77,6 +83,8 @@ class View:
     _: KW_ONLY
     follow: bool | None = None
     zoom: bool = False
+    flat: bool = False
+    edges: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,8 @@ class Camera:
         centres: of each picture, along the first two axes [m].
         depth: distances from the eye between which the shapes lie [m].
         zooms: of each picture; it shows the part of `size` that is one over this number.
+        flat: whether numbers have the colours of the bar, without light.
+        edges: whether the edges of the mesh are drawn on films.
     """
 
     axes: Array
@@ -96,6 +106,8 @@ class Camera:
     centres: list[tuple[float, float]]
     depth: tuple[float, float]
     zooms: list[float]
+    flat: bool = False
+    edges: bool = False
 
     @property
     def aspect(self) -> float:
@@ -143,6 +155,8 @@ def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:
         centres=[(float(x), float(y)) for x, y in centres],
         depth=(-float(highs[:, 2].max()) - margin, -float(lows[:, 2].min()) + margin),
         zooms=[float(zoom) for zoom in zooms],
+        flat=view.flat,
+        edges=view.edges,
     )
 
 
@@ -203,8 +217,9 @@ def render(
 ) -> Iterator[Array]:
     """Draw shapes (a scene at one or more times) as images with hidden surfaces.
 
-    Kinds are shaded.  Numbers are not: each has the colour of the bar, and dark outlines show the
-    shape.
+    A light at the eye shows the shapes of films with numbers: where they face the eye they have the
+    colour of the bar, elsewhere the same colour darkened.  With `flat` they all have it, and dark
+    outlines show the shape.  Kinds are lit from the side, with highlights.
 
     Args:
         shapes: as many as the camera has centres, with points [m].
@@ -216,7 +231,8 @@ def render(
     n = _SUPERSAMPLES
     width = round(camera.size[0] * scale) * n
     height = round(camera.size[1] * scale) * n
-    palette = _palette(colours)
+    palette = _palette(colours, camera.flat)
+    numbers = len(colours.table) - 1 if colours.scale is not None else 0
     outline = _OUTLINE_STRENGTH
     if colours.scale is not None:
         # A colour that is only darkened would be that of another number.
@@ -228,15 +244,21 @@ def render(
         origin = np.array([width / 2 - x * pixels_per_metre, height / 2 + y * pixels_per_metre, 0])
         project = _Projection(camera.axes, pixels_per_metre, origin)
         corners = project(shape.corners)
-        shades = _shades(corners, shape.normals @ camera.axes.T)
+        seen_normals = shape.normals @ camera.axes.T
+        shades = _shades(corners, seen_normals)
+        has_number = (shape.kinds >= 0) & (shape.kinds < numbers)
+        shades[has_number] = _DARKEST + (1 - _DARKEST) * abs(seen_normals[has_number, :, 2])
         films_and_solids = _Triangles(corners, shades, shape.kinds, shape.is_slack)
         line_kinds = np.where(shape.line_kinds < 0, ink, shape.line_kinds)
         bars = _bars(project(shape.lines), line_kinds)
+        edges = _bars(np.zeros((0, 2, 3)), np.zeros(0, dtype=np.int64))
+        if camera.edges:
+            edges = _bars(project(shape.edges), np.full(len(shape.edges), ink), _HALF_EDGE)
         balls = _balls(project(shape.dots), ink)
         near = camera.depth[0] * pixels_per_metre
         far = camera.depth[1] * pixels_per_metre
         canvas = Canvas(height, width, near, far)
-        for part in (films_and_solids, bars, balls):
+        for part in (films_and_solids, edges, bars, balls):
             canvas.draw(part.corners, part.shades, part.kinds, palette, part.is_hatched)
         image = canvas.outlined(_OUTLINE * n, outline)
         yield image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3))
@@ -261,14 +283,15 @@ class _Projection:
         return self.origin + seen * np.array([1.0, -1.0, -1.0])
 
 
-def _bars(ends: Array, kinds: Integers) -> _Triangles:
+def _bars(ends: Array, kinds: Integers, half_line: float = _HALF_LINE) -> _Triangles:
     """Lines as round bars: on each side of the axis a strip of triangles that gets darker outwards.
 
     Args:
         ends: (m, 2, 3) [pixels]: to the right, down and away from the eye.
         kinds: rows (m,) of the palette.
+        half_line: half of their width [pixels of the image].
     """
-    half_width = _HALF_LINE * _SUPERSAMPLES
+    half_width = half_line * _SUPERSAMPLES
     # the axis stands out by the radius, so that a line is seen on the film on which it lies
     start = ends[:, 0] - np.array([0.0, 0.0, half_width])
     end = ends[:, 1] - np.array([0.0, 0.0, half_width])
@@ -325,12 +348,12 @@ def _shades(corners: Array, normals: Array) -> Array:
     return matt * (1 - _GLOSS) + _GLOSS * gloss
 
 
-def _palette(colours: Colouring) -> Colours:
+def _palette(colours: Colouring, flat: bool) -> Colours:
     """Colours (kinds + 3, 256, 3) by brightness, as bytes: the rows of `colours.table`, the last of
     which is of what has no value, then lines and solids.
 
-    They go from black to the colour at 1 - gloss, then half-way on to white; colours of numbers are
-    the same at any brightness.
+    They go from black to the colour at 1 - gloss, then half-way on to white; colours of numbers go
+    from black to the colour, or are the same at any brightness if pictures are flat.
     """
     brightness = np.linspace(0, 1, 256)[:, None]
     base = np.array([*colours.table, _INK, _SOLID_COLOUR])[:, None]
@@ -338,5 +361,6 @@ def _palette(colours: Colouring) -> Colours:
     gloss = ((brightness - (1 - _GLOSS)) / _GLOSS).clip(0, 1)
     shaded = base * matt * (1 - gloss / 2) + gloss / 2
     if colours.scale is not None:
-        shaded[: len(colours.table) - 1] = base[: len(colours.table) - 1]
+        of_numbers = base[: len(colours.table) - 1]
+        shaded[: len(colours.table) - 1] = of_numbers if flat else of_numbers * brightness
     return np.rint(255 * shaded).astype(np.uint8)

@@ -2,7 +2,7 @@
 colour vision.
 
 One rule holds in pictures, animations, reports and the view: a number has the colour of the bar,
-without light and shade; what has no value is grey; slack film is hatched.
+darkened where a surface turns away from the eye; what has no value is grey; slack film is hatched.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ const curves = (function () {
   const template = document.createElement("template");
   template.innerHTML = "<svg></svg>";
   const SVG = template.content.firstChild.namespaceURI;
-  let data = null, panels = [], hovered = null, chosen = null, choose = () => {};
+  let data = null, panels = [], added = null, hovered = null, chosen = null, choose = () => {};
 
   // Rows of numbers, which are fractions of the range of each column; 65535 stands for no number.
   function unpacked({ low, span, data }) {
@@ -73,7 +73,7 @@ const curves = (function () {
     for (const { colour, alpha, xy } of about.areas)
       drawn.append(element("path", { d: path(unpacked(xy), up, true), fill: colour, "fill-opacity": alpha }));
     const lines = about.lines.map(({ name, colour, faint, xy }) => {
-      const numbers = unpacked(xy);
+      const numbers = xy.data ? unpacked(xy) : xy;
       drawn.append(element("path", { d: path(numbers, up), fill: "none", stroke: colour, "stroke-width": faint ? 0.5 : 1.5, "stroke-opacity": faint ? 0.5 : 1 }));
       if (numbers.length < 60)
         for (let i = 0; i < numbers.length; i += 2)
@@ -129,7 +129,7 @@ const curves = (function () {
   function show() {
     if (!data) return;
     const at = hovered ?? (chosen === null ? null : data.records[chosen]) ?? null;
-    for (const { values, lines, about, cursor } of panels) {
+    for (const { values, lines, about, cursor } of added ? [added, ...panels] : panels) {
       cursor.setAttribute("visibility", at === null ? "hidden" : "visible");
       if (at !== null) { cursor.setAttribute("x1", across(at)); cursor.setAttribute("x2", across(at)); }
       values.replaceChildren();
@@ -148,14 +148,30 @@ const curves = (function () {
     }
   }
 
+  // A further panel before the others, with numbers of recorded states: pairs of the number of a state and a value.
+  function extra(title, numbers) {
+    if (added) added.box.remove();
+    added = null;
+    const known = data && title ? numbers.filter(([record, value]) => record in data.records && !Number.isNaN(value)) : [];
+    if (known.length < 2) return;
+    const xy = Float64Array.from(known.flatMap(([record, value]) => [data.records[record], value]));
+    const values = known.map(one => one[1]), low = Math.min(...values), high = Math.max(...values), space = 0.05 * (high - low) || 1;
+    added = build({ title, log: false, low: low - space, high: high + space, areas: [], lines: [{ name: "", colour: "#d00060", faint: false, xy }] }, "extra");
+    added.box.id = "history";
+    frame.prepend(added.box);
+    show();
+  }
+
   return {
     unpacked,
+    ticks,
+    extra,
     // Draw other data; `chooser` is called with the number of the state at which the user clicks.
     set(found, chooser) {
       data = found;
       choose = chooser || choose;
       panels = found.panels.map(build);
-      frame.replaceChildren(...panels.map(one => one.box));
+      frame.replaceChildren(...(added ? [added.box] : []), ...panels.map(one => one.box));
       frame.dataset.panels = panels.length;
       show();
     },

@@ -47,6 +47,8 @@ img { max-width: 100%; } table { border-collapse: collapse; } pre { font-size: 1
 td, th { padding: 0.15em 1.2em 0.15em 0; text-align: left; font-weight: 400; vertical-align: top; }
 th { color: #66707a; } td.number { white-space: nowrap; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 #view { width: 100%; height: 460px; display: block; border: 1px solid #dde1e5; touch-action: none; outline: none; }
+#stage { position: relative; } #overlay { position: absolute; left: 0; top: 0; width: 100%; height: 100%; pointer-events: none; } #low, #high { width: 5.5em; }
+#extreme-words { white-space: pre-line; margin: 0; }
 .bar { display: flex; flex-wrap: wrap; gap: 0.4em 1em; align-items: center; margin: 0.5em 0; }
 #time { flex: 1; min-width: 8em; } #time-label { min-width: 8em; } #factor { width: 5em; } #probe { flex: 1; min-width: 0; }
 #parts { max-height: 8em; overflow-y: auto; } #parts label { overflow-wrap: anywhere; } select { max-width: 14em; }
@@ -67,13 +69,19 @@ div.table { overflow-x: auto; } #curves { display: grid; grid-template-columns: 
 """.strip()
 
 VIEW = """
-<div id="viewer"><canvas id="view" tabindex="0"></canvas>
-<div class="bar"><button id="play">Play</button><input id="time" type="range" min="0" value="0">
+<div id="viewer"><div id="stage"><canvas id="view" tabindex="0"></canvas><canvas id="overlay"></canvas></div>
+<div class="bar"><button id="play">Play</button><label>Speed <select id="speed"><option value="0.25">¼</option><option value="0.5">½</option>
+<option value="1" selected>1</option><option value="2">2</option><option value="4">4</option></select></label><input id="time" type="range" min="0" value="0">
 <span id="time-label"></span></div>
-<div class="bar"><label>Colour <select id="field"></select></label><span id="legend"></span></div>
+<div class="bar"><label>Colour <select id="field"></select></label><span id="legend"></span>
+<span id="range"><label>from <input id="low" type="number" step="any" placeholder="least"></label> <label>to <input id="high" type="number" step="any" placeholder="largest"></label>
+<label><input id="log" type="checkbox"> log</label> <label><input id="extremes" type="checkbox"> extremes</label></span></div>
+<p id="extreme-words" class="status"></p>
 <div class="bar"><label>Deformation × <input id="factor" type="number" value="1" step="any"></label>
 <label>Cut <select id="cut"></select></label><input id="depth" type="range" min="0" max="1000" value="500" hidden><span id="depth-label"></span>
-<label><input id="follow" type="checkbox"> move along</label><button id="home">Show all</button></div>
+<label><input id="follow" type="checkbox"> move along</label><label><input id="light" type="checkbox" checked> light</label><label><input id="edges" type="checkbox"> edges</label></div>
+<div class="bar"><button id="home">Show all</button><button id="look-iso">Oblique</button><button id="look-x">Along x</button><button id="look-y">Along y</button>
+<button id="look-z">Along z</button><button id="picture">Save picture</button></div>
 <div class="bar" id="parts"></div>
 <p id="picked" class="status">Click on a point for its values. Drag to turn, shift-drag to move, wheel to zoom.</p>
 <div class="bar" id="copying" hidden><input id="probe" readonly><button id="copy">Copy probe</button></div></div>

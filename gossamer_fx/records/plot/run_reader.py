@@ -351,6 +351,7 @@ class RunReader(RunTables):
         normals: list[Array] = [np.zeros((0, 3, 3))]
         values: list[Array] = [np.zeros((0, 3))]
         states: list[Array] = [np.zeros((0, 3))]
+        edges: list[Array] = [np.zeros((0, 2, 3))]
         lines: list[Array] = [np.zeros((0, 2, 3))]
         line_kinds: list[Integers] = [np.zeros(0, dtype=np.int64)]
         for name, body in self.bodies.items():
@@ -367,6 +368,7 @@ class RunReader(RunTables):
                     line_kinds.append(self._line_kinds(names, field, time, kinds, part))
                 continue
             corners.append(points)
+            edges.append(segment.edges_of(points))
             normals.append(smooth_normals(points, segment.vertices))
             for one, found in ((field, values), ("state", states)):
                 if self.has_field(name, one, part):
@@ -403,6 +405,7 @@ class RunReader(RunTables):
             lines=np.concatenate(lines),
             line_kinds=np.concatenate(line_kinds),
             dots=self.dots(time),
+            edges=np.concatenate(edges),
         )
 
     def connector_lines(self, time: float) -> Array:
@@ -566,6 +569,13 @@ class RecordedMesh:
     def positions(self, step: int) -> Array:
         """Positions (p, 3) of the points at a step [m]."""
         return self.grid(step).points
+
+    def edges_of(self, corners: Array) -> Array:
+        """Ends (e, 2, 3) [m] of the edges of the pieces with these corners (n, 3, 3), each once."""
+        pairs = np.concatenate([self.vertices[:, [k, (k + 1) % 3]] for k in range(3)])
+        ends = np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)])
+        first_of_each = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True)[1]
+        return ends[first_of_each]
 
     def _find_vertices(self) -> None:
         """Set `vertices`.

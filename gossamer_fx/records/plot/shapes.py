@@ -37,6 +37,7 @@ class Shape:
         lines: (m, 2, 3), ends [m].
         line_kinds: (m,), rows of the table of colours, or INK.
         dots: (k, 3), centres [m].
+        edges: (e, 2, 3), ends of the edges of the mesh of films [m].
     """
 
     time: float
@@ -47,6 +48,7 @@ class Shape:
     lines: Array = field(default_factory=lambda: _empty(0, 2, 3))
     line_kinds: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     dots: Array = field(default_factory=lambda: _empty(0, 3))
+    edges: Array = field(default_factory=lambda: _empty(0, 2, 3))
 
     @property
     def points(self) -> Array:

@@ -75,21 +75,32 @@
     };
     return material;
   }
-  // Numbers have the colour of the bar, without light and shade.
   const lit = film(THREE.MeshLambertMaterial), plain = film(THREE.MeshBasicMaterial);
+  const thin = new THREE.LineMaterial({ linewidth: 0.7, color: 0x33383d });
   const stroke = new THREE.LineMaterial({ linewidth: 2, vertexColors: true });
   const dot = new THREE.PointsMaterial({ size: 8, sizeAttenuation: false, color: new THREE.Color().setRGB(...INK.map(c => c / 255), THREE.SRGBColorSpace) });
   const mark = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ size: 11, sizeAttenuation: false, color: 0xd00060, depthTest: false }));
   mark.renderOrder = 1;
   mark.frustumCulled = false;
   mark.visible = false;
-  scene.add(mark);
+  // The largest and the least value of what is shown.
+  const extremes = [0xd62020, 0x2050d0].map(color => {
+    const one = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ size: 10, sizeAttenuation: false, color, depthTest: false }));
+    one.renderOrder = 1;
+    one.frustumCulled = one.visible = false;
+    return one;
+  });
+  scene.add(mark, ...extremes);
 
   let parts = [], mesh = -1, legend = null, centre = null, picked = null;
   const hidden = new Set();
 
   function build(number) {
-    for (const part of parts) { scene.remove(part.object); part.object.geometry.dispose(); }
+    for (const part of parts) {
+      scene.remove(part.object);
+      part.object.geometry.dispose();
+      if (part.edges) part.edges.geometry.dispose();
+    }
     mesh = number;
     parts = header.meshes[number].map(about => {
       const part = { name: about.name, corners: about.corners, pieces: new Uint32Array(binary(about.pieces)),
@@ -107,6 +118,12 @@
       part.object.frustumCulled = false;
       part.object.visible = !hidden.has(part.name);
       scene.add(part.object);
+      if (part.corners === 3 && part.pieces.length) {
+        part.edges = new THREE.LineSegments2(new THREE.LineSegmentsGeometry(), thin);
+        part.edges.frustumCulled = false;
+        part.edges.raycast = () => {}; // the film below is picked
+        part.object.add(part.edges);
+      }
       return part;
     });
     const boxes = parts.map(part => {
@@ -114,6 +131,9 @@
       box.onchange = () => {
         part.object.visible = box.checked;
         hidden[box.checked ? "delete" : "add"](part.name);
+        if (!box.checked && picked && picked.name === part.name) { picked = null; history(); }
+        tell();
+        findExtremes();
         draw();
       };
       const label = document.createElement("label");
@@ -128,9 +148,24 @@
     if (!values || !legend) return NaN;
     const value = values.numbers[values.atPoints ? point : piece], rows = legend.table.length - 1;
     if (!legend.smooth) return (Math.round(value) % rows + 0.5) / rows;
-    const range = legend.high - legend.low;
-    const part = range > 0 ? Math.min(Math.max((value - legend.low) / range, 0), 1) : 0;
-    return (part * (rows - 1) + 0.5) / rows;
+    return (along(value) * (rows - 1) + 0.5) / rows;
+  }
+
+  // The ends of the bar: those of the field, unless the user has given others, in the unit of the legend.
+  function range() {
+    const given = one => $(one).value === "" ? NaN : Number($(one).value) * legend.factor;
+    const low = given("low"), high = given("high");
+    return [Number.isNaN(low) ? legend.low : low, Number.isNaN(high) ? legend.high : high];
+  }
+  // Position of a value on the bar, from 0 to 1.
+  function along(value) {
+    let [low, high] = range();
+    if ($("log").checked && high > 0) {
+      low = Math.log10(Math.max(low, 1e-4 * high));
+      value = Math.log10(Math.max(value, 10 ** low));
+      high = Math.log10(high);
+    }
+    return high > low ? Math.min(Math.max((value - low) / (high - low), 0), 1) : 0;
   }
 
   function place(part, moved) {
@@ -185,7 +220,21 @@
       }
       position.needsUpdate = normal.needsUpdate = uv.needsUpdate = true;
       object.geometry.computeBoundingSphere();
-      object.material = legend && legend.smooth && part.X ? plain : lit;
+      object.material = legend && legend.smooth && part.X && !$("light").checked ? plain : lit;
+      part.edges.visible = $("edges").checked;
+      if (part.edges.visible) {
+        const ends = new Float32Array(6 * pieces.length);
+        for (let i = 0; i < pieces.length; i++) {
+          const next = i % 3 === 2 ? i - 2 : i + 1;
+          for (let k = 0; k < 3; k++) {
+            ends[6 * i + k] = at[3 * pieces[i] + k];
+            ends[6 * i + 3 + k] = at[3 * pieces[next] + k];
+          }
+        }
+        part.edges.geometry.dispose();
+        part.edges.geometry = new THREE.LineSegmentsGeometry();
+        part.edges.geometry.setPositions(ends);
+      }
     }
   }
 
@@ -209,6 +258,7 @@
     $("time-label").textContent = header.labels[record];
     Object.assign(canvas.dataset, { record, field: header.fields[field] || "" });
     curves.at(record);
+    findExtremes();
     if (isFirst) home();
     tell();
     draw();
@@ -223,12 +273,122 @@
     camera.updateProjectionMatrix();
     renderer.clippingPlanes = plane ? [plane()] : [];
     renderer.render(scene, camera);
+    overlay();
     canvas.dataset.drawn = `${renderer.info.render.triangles} ${renderer.info.render.calls}`;
   }
 
+  // ---- what is drawn over the picture: axes, scale bar, colours with numbers, time ----
+  const SVG_INK = "#33383d";
+  function overlay() {
+    const sheet = $("overlay"), ratio = window.devicePixelRatio || 1;
+    sheet.width = canvas.clientWidth * ratio;
+    sheet.height = canvas.clientHeight * ratio;
+    const pen = sheet.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.font = "12px system-ui, sans-serif";
+    pen.fillStyle = pen.strokeStyle = SVG_INK;
+    const [wide, high] = [canvas.clientWidth, canvas.clientHeight];
+    // The axes of space, each as long as it is seen.
+    const [x0, y0] = [36, high - 36];
+    const axes = [0, 1, 2].map(k => new THREE.Vector3(...[0, 1, 2].map(i => Number(i === k))).applyQuaternion(camera.quaternion.clone().invert()));
+    for (const k of [0, 1, 2].sort((i, j) => axes[i].z - axes[j].z)) {
+      const [x, y] = [x0 + 26 * axes[k].x, y0 - 26 * axes[k].y];
+      pen.strokeStyle = ["#c02020", "#208020", "#2040c0"][k];
+      pen.lineWidth = 2;
+      pen.beginPath();
+      pen.moveTo(x0, y0);
+      pen.lineTo(x, y);
+      pen.stroke();
+      pen.fillText("xyz"[k], x + 4 * Math.sign(x - x0) - 3, y + (y > y0 ? 12 : -3));
+    }
+    // A round length.
+    const scale = high / (camera.top - camera.bottom) * camera.zoom, longest = 0.25 * wide / scale;
+    const power = 10 ** Math.floor(Math.log10(longest)), length = [5, 2, 1].find(one => one * power <= longest) * power;
+    const right = wide - 14, bottom = high - 14;
+    pen.strokeStyle = SVG_INK;
+    pen.beginPath();
+    pen.moveTo(right - length * scale, bottom);
+    pen.lineTo(right, bottom);
+    pen.stroke();
+    pen.textAlign = "right";
+    const [unit, name] = [[1e3, "km"], [1, "m"], [1e-2, "cm"], [1e-3, "mm"]].find(one => length >= one[0] * 0.999) || [1e-6, "µm"];
+    pen.fillText(`${digits(length / unit, 3)} ${name}`, right, bottom - 5);
+    if (!legend || !legend.smooth) return;
+    const [low, top] = range(), left = wide - 30, from = 34, until = Math.min(high - 60, from + 180);
+    const colours = legend.table.slice(0, -1);
+    for (let y = from; y < until; y++) {
+      pen.fillStyle = `rgb(${colours[Math.round((until - 1 - y) / (until - 1 - from) * (colours.length - 1))]})`;
+      pen.fillRect(left, y, 14, 1.5);
+    }
+    pen.fillStyle = SVG_INK;
+    const ticks = $("log").checked ? [] : curves.ticks(low / legend.factor, top / legend.factor, 4);
+    const ends = [low, top].map(one => one / legend.factor);
+    const numbers = [...ends, ...ticks.filter(one => ends.every(end => Math.abs(along(one * legend.factor) - along(end * legend.factor)) > 0.1))];
+    for (const value of numbers) {
+      const y = until - along(value * legend.factor) * (until - from);
+      pen.fillRect(left - 4, y - 0.5, 4, 1);
+      pen.fillText(digits(value, 4), left - 6, y + 4);
+    }
+    pen.fillText(`${legend.name}${legend.unit ? ` [${legend.unit}]` : ""}`, wide - 14, 18);
+  }
+
+  // Points of the largest and the least value of the field, at which marks are.
+  function findExtremes() {
+    const found = [null, null];
+    if ($("extremes").checked && legend && legend.smooth && shown) parts.forEach((part, i) => {
+      const values = shown.values[i];
+      if (!values || !part.object.visible) return;
+      values.numbers.forEach((value, n) => {
+        if (Number.isNaN(value)) return;
+        const point = values.atPoints ? n : part.pieces[part.corners * n];
+        if (!found[0] || value > found[0].value) found[0] = { value, part, point };
+        if (!found[1] || value < found[1].value) found[1] = { value, part, point };
+      });
+    });
+    const words = [];
+    extremes.forEach((one, k) => {
+      one.visible = Boolean(found[k]);
+      if (!found[k]) return;
+      const { value, part, point } = found[k];
+      const at = [0, 1, 2].map(i => part.x[3 * point + i] - centre[i]);
+      one.geometry.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(at), 3));
+      words.push(`${["Largest", "Least"][k]}: ${digits(value / legend.factor)} ${legend.unit} at ${triple(part.x, point)} m of ${part.name}`);
+    });
+    $("extreme-words").textContent = words.join("\n");
+  }
+
+  // The value of the picked point, or its height, in all states: a curve next to the others.
+  let asked = 0;
+  async function history() {
+    const turn = ++asked;
+    curves.extra(null);
+    if (!picked || !header || header.labels.length < 2) return;
+    const { name, piece, point } = picked, field = Number(chooser.value), count = header.labels.length;
+    const records = [...new Set(Array.from({ length: Math.min(count, MOST_STATES) }, (_, i) => Math.round(i * (count - 1) / Math.max(Math.min(count, MOST_STATES) - 1, 1))))];
+    const numbers = [];
+    for (const record of records) {
+      const state = await stateOf(record, field), at = (state.mesh === mesh ? parts : []).findIndex(part => part.name === name);
+      if (turn !== asked) return;
+      const values = at < 0 ? null : (state.values[field] || [])[at];
+      let value = NaN;
+      if (values) value = values.numbers[values.atPoints ? point : piece] / (legend && legend.smooth ? legend.factor : 1);
+      else if (at >= 0) value = parts[at].start[3 * point + 2] + state.moved[at][3 * point + 2];
+      numbers.push([record, value, Boolean(values)]);
+    }
+    const isField = numbers.some(one => one[2]);
+    const title = isField && legend ? `${legend.name}${legend.unit ? ` [${legend.unit}]` : ""} at the point of ${name}` : `z [m] of ${name}`;
+    curves.extra(title, numbers.map(([record, value]) => [record, value]));
+  }
+
+  // Look along an axis, from a side.
+  function look(words) {
+    home(...{ iso: [-25, 25], x: [90, 0], y: [0, 0], z: [0, 90] }[words]);
+    draw();
+  }
+
   // Look at all of what is shown, and at where it started unless the view moves along.
-  function home() {
-    const [azimuth, elevation] = [-25, 25].map(degrees => degrees * Math.PI / 180);
+  function home(turn = -25, rise = 25) {
+    const [azimuth, elevation] = [turn, rise].map(degrees => degrees * Math.PI / 180);
     const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
     const right = [ca, sa, 0], up = [-sa * se, ca * se, ce], eye = [sa * ce, -ca * ce, se];
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
@@ -249,6 +409,8 @@
     camera.far = 200 * whole; // what moves stays in view
     const target = [0, 1, 2].map(k => middle[0] * right[k] + middle[1] * up[k] + middle[2] * eye[k]);
     controls.target.set(...target);
+    // Seen from above, y is up.
+    camera.up.set(...(rise === 90 ? [0, 1, 0] : [0, 0, 1]));
     camera.position.set(...target.map((value, k) => value + 100 * whole * eye[k]));
     controls.update();
   }
@@ -289,6 +451,7 @@
       }
     }
     tell();
+    history();
     draw();
   }
 
@@ -300,7 +463,7 @@
   // Words about the point that was picked, at the time that is shown.
   function tell() {
     const index = picked ? parts.findIndex(part => part.name === picked.name) : -1;
-    mark.visible = index >= 0 && 3 * picked.point < parts[index].x.length;
+    mark.visible = index >= 0 && parts[index].object.visible && 3 * picked.point < parts[index].x.length;
     $("copying").hidden = !(mark.visible && parts[index].X);
     if (!mark.visible) {
       if (picked === null) $("picked").textContent = "Click on a point for its values. Drag to turn, shift-drag to move, wheel to zoom.";
@@ -339,11 +502,8 @@
       $("legend").append(one, words);
     };
     for (const [name, kind] of legend.names) add("i", `rgb(${colours[kind]})`, ` ${name}  `);
-    if (legend.smooth) {
-      $("legend").append(`${legend.ends[0]} `);
-      add("b", `linear-gradient(to right, ${colours.map(colour => `rgb(${colour})`).join(",")})`, ` ${legend.ends[1]} ${legend.unit}  `);
-      if (legend.beyond) $("legend").append(`(${legend.beyond})  `);
-    }
+    $("range").hidden = !legend.smooth;
+    if (legend.smooth && legend.beyond) $("legend").append(`(${legend.beyond})  `);
     if (legend.hasSlack) add("i", "repeating-linear-gradient(135deg, #fff 0 2px, #000 2px 4px)", " slack  ");
     if (legend.hasMissing) add("i", `rgb(${missing})`, " no value");
   }
@@ -357,7 +517,8 @@
       const began = performance.now();
       slider.value = Number(slider.value) >= Number(slider.max) ? 0 : Number(slider.value) + 1;
       await attempt(show);
-      await new Promise(done => setTimeout(done, Math.max(80 - performance.now() + began, 0)));
+      const pause = 80 / (Number($("speed").value) || 1);
+      await new Promise(done => setTimeout(done, Math.max(pause - performance.now() + began, 0)));
     }
   }
   async function attempt(action) {
@@ -375,7 +536,26 @@
     showNow();
   }
   $("play").onclick = play;
-  slider.oninput = chooser.onchange = showNow;
+  slider.oninput = showNow;
+  chooser.onchange = () => {
+    for (const one of ["low", "high"]) $(one).value = "";
+    $("log").checked = false;
+    attempt(show).then(() => attempt(history));
+  };
+  for (const one of ["low", "high", "log", "light", "edges", "extremes"]) $(one).oninput = showNow;
+  for (const one of ["iso", "x", "y", "z"]) $(`look-${one}`).onclick = () => look(one);
+  $("picture").onclick = () => {
+    draw(); // the browser forgets the picture when it has shown it
+    const whole = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height }), pen = whole.getContext("2d");
+    pen.drawImage(canvas, 0, 0);
+    pen.drawImage($("overlay"), 0, 0, whole.width, whole.height);
+    const name = `${document.title} ${header.labels[Number(slider.value)] || ""}`.replace(/[^\w.=-]+/g, "_");
+    whole.toBlob(blob => {
+      const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: `${name}.png` });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    });
+  };
   factor.oninput = $("follow").onchange = showNow;
   cut.append(...["", "x <", "x >", "y <", "y >", "z <", "z >"].map(words => new Option(words ? `keep ${words}` : "none", words.replace(" ", ""))));
   cut.onchange = depth.oninput = setPlane;
@@ -435,7 +615,7 @@
   }
   async function poll() {
     await attempt(follow);
-    setTimeout(poll, 1000);
+    setTimeout(poll, version ? 1000 : 250); // the first record is shown at once
   }
 
   if (given.curves) curves.set(given.curves, goTo);

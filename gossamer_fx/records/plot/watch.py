@@ -37,6 +37,8 @@ _HOST = "127.0.0.1"
 # it takes to make one: the cores belong to the run, which also makes the drawing wait.
 _PAUSE = 5.0
 _MAX_PORT = 65535
+# Share of what was left of a run from which on its rate is known.
+_KNOWN_SHARE = 0.01
 
 
 @check_arguments
@@ -125,6 +127,8 @@ class _Answers:
         self._curves: dict[str, Any] = {}
         self._curves_count = 0
         self._next_curves = 0.0
+        # Monotonic time [s] and value on the axis when the run was first seen.
+        self._first_seen: tuple[float, float] | None = None
 
     def read(self) -> RunReader:
         """Read the folder again if it has changed.
@@ -183,6 +187,7 @@ class _Answers:
         if run.about["status"] == "running" and len(reached):
             until = run.about["axis"]["until"]
             words = f"running, {run.axis.words(reached[-1])} of {until:.6g} {run.axis.unit}"
+            words += self._time_left(float(reached[-1]), float(until))
         return {
             "title": run.title,
             "kind": kind,
@@ -192,6 +197,18 @@ class _Answers:
             "legends": self._legends_count,
             "curves": self._curves_count,
         }
+
+    def _time_left(self, reached: float, until: float) -> str:
+        """Words about the time left, at the rate since the page was opened; empty until a share of
+        the run has passed since then."""
+        now = time.monotonic()
+        if self._first_seen is None or reached < self._first_seen[1]:
+            self._first_seen = (now, reached)
+        began, first = self._first_seen
+        if until <= reached or reached - first < _KNOWN_SHARE * (until - first):
+            return ""
+        left = (now - began) * (until - reached) / (reached - first)
+        return f", about {_duration(left)} left"
 
     def _draw_curves(self, run: RunReader) -> None:
         """Make the data of the curves again, unless that was done a short time ago."""
@@ -257,6 +274,14 @@ class _Answers:
                 asked = dict.fromkeys([*view.fields[field : field + 1], "state"])
                 return view.state(record, [name for name in asked if name in view.fields])
         return None
+
+
+def _duration(seconds: float) -> str:
+    """A time in the largest unit of which it has some, e.g. "3 min"."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{max(seconds, 1.0):.0f} s"
 
 
 def _stamp(folder: Path) -> tuple[int, ...]:
