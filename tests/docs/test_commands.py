@@ -1,15 +1,13 @@
-"""Every command on a page is right, and those of the guides run in order, in one clean folder.
+"""The commands of README and of the guides run in order, in one clean folder, as a reader's would.
 
 A command is a line of a block of shell, a line that is indented as code, or code within a sentence.
-All of them are parsed: programs, files, options and names of arguments exist.  Those of README and
-of the guides are run one after the other, as a reader would; what takes more than some ten seconds
-has quick arguments, in `QUICK`, or is run by `./gossamer test -m slow tests/docs`.  Studies,
-validations and benchmarks are run by tests of their own.
+What takes more than some ten seconds has quick arguments, in `QUICK`, or is run by `./gossamer test
+-m slow tests/docs`.  Studies, validations and benchmarks have their tests;
+`tests/unit/test_site.py` parses the commands of all pages.
 """
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import re
@@ -25,12 +23,9 @@ from urllib.request import urlopen
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.app.cli.command import _parser, _with_values
-from gossamer_fx.app.cli.demo import demos_of
 from tests.hanging import HANG_TIMEOUT
 
 ROOT = Path(gx.__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # Pages whose commands a reader types one after the other.
 FIRST = ["install.md", "first_steps.md"]
 GUIDES = [
@@ -45,8 +40,6 @@ INLINE = re.compile(r"`((?:\./)?gossamer [^`\n]*)`")
 # Words that stand for one of the reader.
 PLACEHOLDER = re.compile(r"[A-Z]{1,6}(\.\w+)?|\.\.\.|NAME=VALUE.*|folder/.*|scene\.py|FOLDER")
 COMMANDS = ("run", "watch", "sweep", "plot", "report", "export", "demo", "doctor", "--help")
-# Names of comparisons of errors, which share the problems of the benchmarks.
-ERRORS = ("strip", "ring", "airbag", "blown", "thrown", "sheet", "contact", "pendulum")
 # Arguments with which a command of a guide takes seconds.
 QUICK = {
     "watch demos/inflatables/pillow.py cells=12 --output out/watched": (
@@ -92,74 +85,9 @@ def commands_of(page: Path) -> list[str]:
     return [plain(words) for _, words in sorted(found, key=lambda one: one[0])]
 
 
-def all_commands() -> Iterator[tuple[str, str]]:
-    """Name of the page and command, of all pages, each once."""
-    seen = set()
-    for page in PAGES:
-        for words in commands_of(page):
-            if words and words not in seen:
-                seen.add(words)
-                yield page.name, words
-
-
 def is_known(word: str) -> bool:
     """Whether a word is one that readers take as it is."""
     return not PLACEHOLDER.fullmatch(word)
-
-
-def arguments_of_build(path: Path) -> set[str]:
-    """Names of the arguments of the function `build` of a scene file, without running it."""
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.FunctionDef) and node.name == "build":
-            arguments = node.args
-            if arguments.kwarg is None:
-                return {one.arg for one in (*arguments.args, *arguments.kwonlyargs)}
-    return set()
-
-
-def what_is_wrong(command: str) -> str:
-    """Why a command cannot work; empty words if nothing is seen."""
-    name, *words = shlex.split(command)
-    if name in ("study", "bench", "validate", "demo"):
-        if name == "demo":
-            known = set(demos_of(ROOT / "demos"))
-        elif name == "bench":
-            text = (ROOT / "demos/benchmarks/problems.toml").read_text(encoding="utf-8")
-            tables = re.findall(r"^\[(\w+)", text, re.MULTILINE)
-            known = {*tables, *(f"errors_{one}" for one in (*tables, *ERRORS)), "errors", "all"}
-        else:
-            folder = {"study": "studies", "validate": "validation/cases"}[name]
-            known = {path.stem for path in (ROOT / "demos" / folder).glob("*.*")} | {"all"}
-        if words and is_known(words[0]) and words[0] not in known:
-            return f"there is no {name} '{words[0]}'"
-        return ""
-    if name in ("test", "python", "mpi"):
-        paths = [
-            word.split("::")[0] for word in words if word.startswith(("tests/", "tools/", "demos/"))
-        ]
-        missing = [path for path in paths if not (ROOT / path).exists()]
-        return f"there is no {missing[0]}" if missing else ""
-    if name in ("lint", "docs", "setup", "shell", "doctor", "--help", "..."):
-        return ""
-    if name not in COMMANDS:
-        return f"there is no command '{name}'"
-    try:
-        wanted, _ = _parser().parse_known_args(_with_values([name, *words]))
-    except SystemExit:
-        placeholders = [word for word in words if not is_known(word)]
-        # Also an option alone, e.g. of "run --ranks 2".
-        is_part = len(words) < 2 or words[0].startswith("--")
-        return "" if placeholders or is_part else "its options are wrong"
-    scene = getattr(wanted, "scene", None) or getattr(wanted, "design", None)
-    if scene is not None and str(scene).startswith("demos/"):
-        if not (ROOT / scene).is_file():
-            return f"there is no {scene}"
-        given = [*(wanted.options or []), *(getattr(wanted, "over", None) or [])]
-        names = arguments_of_build(ROOT / scene)
-        unknown = [one for one in given if names and one.split("=")[0] not in names]
-        if unknown:
-            return f"build takes no '{unknown[0]}'"
-    return ""
 
 
 def test_all_pages_are_read() -> None:
@@ -169,28 +97,6 @@ def test_all_pages_are_read() -> None:
         "run demos/inflatables/pillow.py cells=12 --output out/pillow_12",
         "plot out/pillow_12",
     ]
-    assert len(list(all_commands())) > 150
-
-
-@pytest.mark.parametrize(("page", "command"), list(all_commands()))
-def test_a_command_of_a_page_is_right(
-    page: str, command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert not what_is_wrong(command), capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("command", "said"),
-    [
-        ("demo pilow", "no demo 'pilow'"),
-        ("run demos/inflatables/pillow.py cell=12", "takes no 'cell=12'"),
-        ("test tests/none.py", "no tests/none.py"),
-        ("plot out/pillow --strip none", "options are wrong"),
-        ("launch out", "no command 'launch'"),
-    ],
-)
-def test_a_wrong_command_would_be_found(command: str, said: str) -> None:
-    assert said in what_is_wrong(command)
 
 
 # ---- in order, in a clean folder -----------------------------------------------------------------
