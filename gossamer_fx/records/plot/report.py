@@ -70,8 +70,7 @@ div.table { overflow-x: auto; } #curves { display: grid; grid-template-columns: 
 
 VIEW = """
 <div id="viewer"><div id="stage"><canvas id="view" tabindex="0"></canvas><canvas id="overlay"></canvas></div>
-<div class="bar"><button id="play">Play</button><label>Speed <select id="speed"><option value="0.25">¼</option><option value="0.5">½</option>
-<option value="1" selected>1</option><option value="2">2</option><option value="4">4</option></select></label><input id="time" type="range" min="0" value="0">
+<div class="bar"><button id="play">Play</button><label>Speed <select id="speed"></select></label><input id="time" type="range" min="0" value="0">
 <span id="time-label"></span></div>
 <div class="bar"><label>Colour <select id="field"></select></label><span id="legend"></span>
 <span id="range"><label>from <input id="low" type="number" step="any" placeholder="least"></label> <label>to <input id="high" type="number" step="any" placeholder="largest"></label>

@@ -535,6 +535,7 @@
     slider.value = record;
     showNow();
   }
+  $("speed").append(...[0.25, 0.5, 1, 2, 4].map(one => new Option(`× ${one}`, one, one === 1, one === 1)));
   $("play").onclick = play;
   slider.oninput = showNow;
   chooser.onchange = () => {
