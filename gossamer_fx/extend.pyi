@@ -82,6 +82,7 @@ from .mechanics.contact.pairs import LawBoundary as LawBoundary
 from .mechanics.contact.pairs import PairStencil as PairStencil
 from .mechanics.contact.pairs import PointPlane as PointPlane
 from .mechanics.gas.contract import CompiledWall as CompiledWall
+from .mechanics.gas.contract import DynamicOpening as DynamicOpening
 from .mechanics.gas.contract import Gas as Gas
 from .mechanics.gas.contract import Holder as Holder
 from .mechanics.gas.contract import Opening as Opening

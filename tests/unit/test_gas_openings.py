@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,9 +14,9 @@ from scipy.integrate import solve_ivp
 import gossamer_fx as gx
 from gossamer_fx.core.forms.backend import cell_nodes, geometry_nodes
 from gossamer_fx.core.mesh.quality import area_vectors
-from gossamer_fx.extend import Item
+from gossamer_fx.extend import DynamicOpening, GasNetwork, Item
 from gossamer_fx.mechanics.gas.contract import CompiledWall
-from gossamer_fx.mechanics.gas.laws import FlowLaw
+from gossamer_fx.mechanics.gas.laws import FlowLaw, position_of
 from gossamer_fx.mechanics.gas.openings import friction_parameter, isentropic_flow
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import HELIUM
@@ -360,7 +362,7 @@ def test_a_pipe_has_the_mach_numbers_of_fanno_flow(M1, M2):
 
     inlet = 2e5 * (1 + 0.2 * M1**2) ** -3.5
     end = inlet * over_critical(M2) / over_critical(M1)
-    exact = 2e5 * np.sqrt(1.4 / (AIR.R * 300.0)) * mass_number(M1)
+    exact = np.pi / 4 * 1e-6 * 2e5 * np.sqrt(1.4 / (AIR.R * 300.0)) * mass_number(M1)
     pipe = hose(resistance)
     for share in (1.0, 0.5) if M2 == 1 else (1.0,):
         pressures = (2e5, end * share)
@@ -446,12 +448,47 @@ def feeds(a, b, c):
     ]
 
 
+@dataclass(frozen=True, eq=False)
+class Plate(DynamicOpening):
+    """A plate of mass m on a spring, which the pressure of a lifts; in the middle between closed and
+    wide open it is as an orifice whose area is that of its lift."""
+
+    a: gx.Tank
+    b: gx.Tank
+    mass: float = 0.01
+    spring: float = 2e3
+    lift: float = 1e-3
+    speed: float = 0.1
+    name: str = "plate"
+    scalar_unknowns = GasNetwork
+    variables: ClassVar = {"lift": "m", "speed": "m/s"}
+    parameters: ClassVar = {"mass": "kg", "spring": "N/m"}
+
+    def requires(self):
+        return [self.a, self.b]
+
+    def rates(self, p, T):
+        force = 1e-5 * (p[0] - p[1]) - self.spring * self.lift - 1e-3 * T[0] * self.speed
+        return {"speed": force / self.mass, "lift": self.speed}
+
+    def flow(self, gases, area, p, T):
+        upstream = 0 if p[0] > p[1] else 1
+        difference = p[0] - p[1]
+        return area * 1e-5 * self.lift * difference / (gases[upstream].R * T[upstream]) ** 0.5
+
+
+def plates(a, b, c):
+    """Openings with state variables, and one without."""
+    return [Plate(a, b), gx.Orifice(b, c, area=1e-6), Plate(c, b, spring=1e3, name="second")]
+
+
 @pytest.mark.parametrize("other", [AIR, HELIUM], ids=["one gas", "mixture"])
-@pytest.mark.parametrize("items", [orifices, other_kinds, feeds])
+@pytest.mark.parametrize("items", [orifices, other_kinds, feeds, plates])
 @pytest.mark.parametrize("h", [1e-4, 0.05])
 def test_all_derivatives_of_a_balance_are_those_of_differences(items, h, other):
-    """By pressures, masses, volumes, the start of the step, areas, boundaries and walls; the
-    weights of flows, which depend on the start, included."""
+    """By pressures, masses, volumes, state variables of openings, the start of the step, areas,
+    numbers of openings, boundaries and walls; the weights of flows, which depend on the start,
+    included."""
     a, b = tank(5e5, "a"), tank(2e5, "b", 0.02)
     c = gx.Tank(0.005, gas=other, pressure=1.99e5, temperature=320.0, name="c")
     run = run_of(*items(a, b, c), dt=h)
@@ -463,7 +500,9 @@ def test_all_derivatives_of_a_balance_are_those_of_differences(items, h, other):
         "p0": np.array([state.pressure for state in network.chambers]),
         "m0": np.concatenate([state.masses for state in network.chambers]),
         "V0": np.array([state.volume for state in network.chambers]),
+        "x0": network.x.copy(),
     }
+    inputs, at_numbers = numbers_with_derivatives(balance)
     step = {
         "y": y * np.linspace(0.98, 1.03, len(y)),
         "V": network.volumes * np.linspace(1.02, 0.97, n),
@@ -471,17 +510,19 @@ def test_all_derivatives_of_a_balance_are_those_of_differences(items, h, other):
         "area": balance._areas.copy(),
         "boundary": balance._boundary.ravel().copy(),
         "wall": balance._wall_states.ravel().copy(),
+        "numbers": inputs[at_numbers].copy(),
     }
     values = start | step
 
     def residual(values):
-        begin = {name: values[name] for name in ("p0", "m0", "V0")}
+        begin = {name: values[name] for name in ("p0", "m0", "V0", "x0")}
         for name, given in begin.items():
             balance._start[name][:] = given
         balance._start["U0"][:] = network.contents.energies(begin["p0"] * begin["V0"], begin["m0"])
         balance._areas[:] = values["area"]
         balance._boundary.ravel()[:] = values["boundary"]
         balance._wall_states.ravel()[:] = values["wall"]
+        inputs[at_numbers] = values["numbers"]
         balance._c.lib.gas_begin(balance._network.pointer)
         return balance.residual(values["y"], values["V"], values["W"])
 
@@ -504,6 +545,18 @@ def test_all_derivatives_of_a_balance_are_those_of_differences(items, h, other):
             difference = (ends[1] - ends[0]) / 2e-6
             error = abs(slopes[:, column] * size - difference)[:, None] / scale
             assert error.max() <= 1e-7, (name, column)
+
+
+def numbers_with_derivatives(balance):
+    """The arguments of the laws of openings in C, and where the parameters of openings are in
+    them."""
+    found = []
+    first = 0
+    for passage, flow in zip(balance.passages, balance.flow_laws, strict=True):
+        own = first + 2 * flow.end_count + 1
+        found += [own + position_of(passage.opening, name) for name in flow.parameters]
+        first = own + len(flow.numbers)
+    return np.frombuffer(balance._c.ffi.buffer(balance._network.pointer.inputs, 8 * first)), found
 
 
 def test_flows_of_a_user_are_compiled_with_their_numbers():

@@ -6,7 +6,7 @@ masses,
     r(q1, q0, v0; p̄) = 0                   the bodies, with -p̄ G(q̄) in r, p̄ = (p0 + p1)/2    (1)
     F(p0, m0, V0; y1, V1, W, A, θ) = 0     energy and mass of `gas.balance`                      (2)
 
-with volumes V = V(q), swept volumes W(q0, q1) and areas A of the openings, of which rings depend on
+and state variables of openings, which are treated as masses are, with volumes V = V(q), swept volumes W(q0, q1) and areas A of the openings, of which rings depend on
 q0 and v0.  Given are a result's derivatives a, b, c with respect to q1, v1 and y1.
 
 Equations.  With μ and ν the adjoint vectors of (1) and (2),
@@ -36,7 +36,7 @@ At the first step `finish` adds what the initial pressures and temperatures of t
 
 Cost: some microseconds for three chambers; the laws are compiled once more, with the derivatives of
 the slopes.  Limits: there are no derivatives by the gas itself (γ, R), but by the fractions of a
-mixture; of an area that a function of time gives, there is the one by a number that multiplies it.
+mixture, and of openings by the numbers that they name as `parameters`; of an area that a function of time gives, there is the one by a number that multiplies it.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ from gossamer_fx.mechanics.gas.balance import Balance, Passage
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
     Discharge,
+    DynamicOpening,
     Gas,
     Holder,
     Volume,
@@ -134,6 +135,11 @@ class GasAdjoint:
                     units[item, FRACTION + one.name] = ""
         for passage in self._passages:
             opening = passage.opening
+            for name, unit in opening.parameters.items():
+                units[id(opening), name] = unit
+            if isinstance(opening, DynamicOpening):
+                for name, unit in opening.variables.items():
+                    units[id(opening), name] = unit
             if isinstance(opening, Discharge):
                 if name := _factor_of(opening):
                     units[id(opening), name] = ""
@@ -184,14 +190,14 @@ class GasAdjoint:
 
     def take(self, ν: Array, μ: Array) -> Array:
         """Add a step to the sums of all parameters; return derivatives of the result by the n
-        pressures [Pa] and s masses [kg] at its start, (n + s,).  Collective.
+        pressures [Pa], s masses [kg] and r state variables at its start, (n + s + r,).  Collective.
 
-        ν (n + s,) is the adjoint of the scaled gas balance, μ this rank's part of that of bodies.
+        ν (n + s + r,) is the adjoint of the scaled gas balance, μ this rank's part of that of bodies.
         V0, p0 and m0 are volumes [m³], pressures [Pa] and masses [kg] at the start of the step, V
         and W [m³] volumes at its end and those swept; `linearise` has computed the derivatives by
         them.
         """
-        by_start = np.concatenate([-ν @ self._of_balance["p0"], -ν @ self._of_balance["m0"]])
+        by_start = np.concatenate([-ν @ self._of_balance[name] for name in ("p0", "m0", "x0")])
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
                 continue
@@ -211,10 +217,14 @@ class GasAdjoint:
         return by_start
 
     def _take_openings(self, ν: Array) -> None:
-        """Add derivatives by areas [m²] and discharge coefficients of openings to their sums, with
-        the adjoint ν (n + s,) of the scaled balance.  Those by areas of rings and films are stored
+        """Add derivatives by areas [m²], discharge coefficients and other numbers of openings to
+        their sums, with the adjoint ν (n + s + r,) of the scaled balance.  Those by areas of rings and films are stored
         for `carry`, which takes them to the films."""
         by_area = -ν @ self._of_balance["area"]
+        by_numbers = iter(-ν @ self._of_balance["numbers"])
+        for passage in self._passages:
+            for name in passage.opening.parameters:
+                self._add(passage.opening, name, next(by_numbers))
         self._to_areas = []
         for passage, derivative in zip(self._passages, by_area, strict=True):
             opening = passage.opening
@@ -237,7 +247,7 @@ class GasAdjoint:
     def _take_boundaries(self, ν: Array) -> None:
         """Add derivatives by conductances [W/K] or coefficients [W/(m² K)], temperatures [K] and
         pressures [Pa] of walls, reservoirs and surroundings to their sums, with the adjoint ν
-        (n + s,) of the scaled balance.  Those by areas of films are stored for `carry`."""
+        (n + s + r,) of the scaled balance.  Those by areas of films are stored for `carry`."""
         by_walls = (-ν @ self._of_balance["wall"]).reshape(-1, 2)
         by_temperature, by_conductance = by_walls.T
         for j, path in enumerate(self._walls):
@@ -288,8 +298,8 @@ class GasAdjoint:
         """Add what the initial state gives: the initial masses Y p0 V0/(R T0) of a chamber are
         functions of its pressure, temperature, volume and mixture.  Collective.
 
-        `by_start` (n + s,) are derivatives by the pressures [Pa] and masses [kg] at the start of
-        the run; to this rank's part of those by coordinates [m] that of the volumes is added in
+        `by_start` (n + s + r,) are derivatives by the pressures [Pa], masses [kg] and state
+        variables at the start of the run; to this rank's part of those by coordinates [m] that of the volumes is added in
         place.
         """
         network = self._network
@@ -305,6 +315,11 @@ class GasAdjoint:
             self._add_fractions(state, by_masses)
             if state.enclosure is not None:
                 by_position += by_amount / state.volume * state.enclosure.of_volume
+        by_variables = iter(by_start[self._n + len(network.contents.gases) :])
+        for passage in self._passages:
+            if isinstance(passage.opening, DynamicOpening):
+                for name in passage.opening.variables:
+                    self._add(passage.opening, name, next(by_variables))
 
     def _add_fractions(self, state: ChamberState, by_masses: Array) -> None:
         """Add the derivatives by the mass fractions of a mixture at given pressure, volume and

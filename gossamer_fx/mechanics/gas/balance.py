@@ -14,6 +14,8 @@ upstream (c_p T_up for constant specific heats):
     m1 = m0 + h Σ ±Y_up ṁ       for each species                                  (1)
     U1 = U0 + h Σ ±h_up ṁ + h Q - p̄ W,      p̄ = (p0 + p1)/2                      (2)
 
+State variables x of openings (`contract.DynamicOpening`) are further unknowns: y = (p1, m1, x1).
+
 Flows are taken at the pressures, temperatures and mass fractions of
 
     p_θ = p0 + θ (p1 - p0),   T = (p0 V0 + p1 V1)/Σ (m0 + m1) R,   m0 + θ (m1 - m0)  (3)
@@ -238,7 +240,7 @@ class _States:
 class Balance:
     """Mass and energy balance (1), (2) of the n chambers of a network in a step.
 
-    In the methods y (n + s,) are pressures [Pa], then masses [kg], V (n,) [m³] volumes at the end
+    In the methods y (n + s + r,) are pressures [Pa], masses [kg], then state variables of openings, V (n,) [m³] volumes at the end
     of the step, W (n,) [m³] the volumes that the enclosures sweep, and `magnitude` (n,) [m³] sums
     of the sizes of the summands of each volume, of which round-off is a part.
 
@@ -273,12 +275,20 @@ class Balance:
         s = len(contents.gases)
         m = len(passages)
         w = len(walls)
-        self._size = n + s
+        flow_laws = [
+            laws.FlowLaw(passage.opening, self._states.carried_by(i, passage))
+            for i, passage in enumerate(passages)
+        ]
+        self.flow_laws = flow_laws
+        self._mass_count = s
+        self._variable_count = sum(len(flow.variables) for flow in flow_laws)
+        self._size = n + s + self._variable_count
         self._of_step(n, s, m, w)
         fields = self._species() | self._openings() | self._walls() | self._step_fields()
         fields |= {
             "chamber_count": n,
             "mass_count": s,
+            "variable_count": self._variable_count,
             "opening_count": m,
             "wall_count": w,
             "boundary_count": len(self._states.boundaries),
@@ -323,16 +333,19 @@ class Balance:
             "amplification": np.zeros(n),
             "exponent": np.zeros(n),
             "wall_theta": np.zeros(w),
+            "x0": np.zeros(self._variable_count),
+            # In a search for rest state variables have the rates of the end of a pseudo-step.
+            "end_share": np.array([0.5 if self.process == IN_TIME else 1.0]),
         }
         self._areas: Array = np.zeros(m)
         self._boundary: Array = np.zeros((len(self._states.boundaries), 2))
         self._wall_states: Array = np.zeros((w, 2))
         # What functions take and set: y, V and W; the sizes of the terms of volumes [m³]
-        self._y: Array = np.zeros(n + s)
+        self._y: Array = np.zeros(self._size)
         self._volumes: Array = np.zeros((2, n))
         self._magnitude: Array = np.zeros(n)
-        self._result: Array = np.zeros(n + s)
-        self._by: Array = np.zeros((n + s, 2 * n + s))
+        self._result: Array = np.zeros(self._size)
+        self._by: Array = np.zeros((self._size, self._size + n))
         self._flows: Array = np.zeros(m)
         self._mass: Array = np.zeros(s)
         self._energy: Array = np.zeros(n)
@@ -406,21 +419,30 @@ class Balance:
         species = self.contents.species
         flows = []
         by_counts = []
+        output_counts = [0]
+        slope_counts = [0]
+        variable_inputs: list[int] = []
+        variable_first = [0]
+        number_first = [0]
         inputs: list[float] = []
         input_first = [0]
         carried_first = [0]
         local: list[list[int]] = []
         fractions: list[float] = []
         carried_species: list[int] = []
-        self._flow_laws: list[laws.FlowLaw] = []
-        for i, passage in enumerate(self.passages):
+        for i, (passage, flow) in enumerate(zip(self.passages, self.flow_laws, strict=True)):
             carried = self._states.carried_by(i, passage)
-            flow = laws.FlowLaw(passage.opening, carried)
-            self._flow_laws.append(flow)
+            variable_inputs += flow.variables
             # One gas of constant specific heats: all other properties of both ends are constant.
             by_count = 2 if self.contents.is_simple else flow.end_count
             flows.append(flow.compile(by_count, self._comm))
             by_counts.append(by_count)
+            variable_first.append(len(variable_inputs))
+            number_first.append(number_first[-1] + len(flow.parameters))
+            # With the slopes by both pressures
+            output_counts.append(flow.output_count + 2)
+            own_count = 1 + len(flow.variables) + len(flow.parameters)
+            slope_counts.append(2 * flow.end_count + own_count)
             inputs += [0.0] * (2 * flow.end_count + 1) + flow.numbers
             input_first.append(len(inputs))
             local += [self._states.local_numbers(i, gas) for gas in carried]
@@ -436,6 +458,12 @@ class Balance:
             # Laws that gradients alone need; see `all_derivatives`
             "slopes": self._c.ffi.NULL,
             "by_count": self._indices("by_count", by_counts),
+            "max_outputs": max(output_counts),
+            "max_by": max(slope_counts),
+            "variable_first": self._indices("variable_first", variable_first),
+            "variable_input": self._indices("variable_input", variable_inputs),
+            "number_first": self._indices("number_first", number_first),
+            "number_count": number_first[-1],
             "inputs": self._pointer("inputs", np.array(inputs, dtype=float)),
             "input_first": self._indices("input_first", input_first),
             "carried_first": self._indices("carried_first", carried_first),
@@ -472,14 +500,16 @@ class Balance:
 
     # ---- a step ----------------------------------------------------------------------------------
 
-    def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
+    def begin(
+        self, h: float, t: float, p: Array, m: Array, U: Array, V: Array, x: Array
+    ) -> None:
         """Start a step of length h [s] with its middle at t [s], from the pressures p [Pa], masses
-        m [kg], energies U [J] and volumes V [m³], and choose the weights θ of its flows: ½ is the
-        middle, 1 the end.  `InputError`: the area of a valve is negative or not a number, or the
+        m [kg], energies U [J], volumes V [m³] and state variables x of openings, and choose the
+        weights θ of its flows: ½ is the middle, 1 the end.  `InputError`: the area of a valve is negative or not a number, or the
         temperature of a wall is not positive."""
         self.h = h
         self._length[0] = h
-        for name, values in (("p0", p), ("m0", m), ("U0", U), ("V0", V)):
+        for name, values in (("p0", p), ("m0", m), ("U0", U), ("V0", V), ("x0", x)):
             self._start[name][:] = values
         # Pressures that are held do not equalise: a flow would last as long as the search.
         flows = self.process != HELD_PRESSURE
@@ -512,7 +542,7 @@ class Balance:
     def residual(self, y: Array, V: Array, W: Array) -> Array:
         """Return the excess of energy [J] and mass [kg] in each chamber over its balance in a step,
         (1) and (2) of the module: it gains mass by flows, and energy by flows, heat and the work of
-        its enclosure."""
+        its enclosure; and that of state variables of openings over what their rates give."""
         self._take(y, V, W)
         self._c.lib.gas_residual(*self._at, self._c_result)
         self._raise_errors()
@@ -541,8 +571,8 @@ class Balance:
         )
 
     def scales(self, y: Array, V: Array, magnitude: Array) -> Array:
-        """Energy [J] of each chamber, then for each mass that of its chamber [kg], to which the
-        residual is compared, (n + s,).
+        """Energy [J] of each chamber, for each mass that of its chamber [kg], then sizes of state
+        variables, to which the residual is compared, (n + s + r,).
 
         They include the round-off of two sums that the residual cannot fall below: that of the
         volume, and that of flows and heat, which long steps amplify where openings are wide or
@@ -555,8 +585,8 @@ class Balance:
         return self._result.copy()
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Return the derivatives (n + s, n + s) and (n + s, n) of the residual (energies [J], then
-        masses [kg]) with respect to y and to V.  That with respect to W is the mean pressure on the
+        """Return the derivatives (n + s + r, n + s + r) and (n + s + r, n) of the residual (energies
+        [J], masses [kg], then state variables) with respect to y and to V.  That with respect to W is the mean pressure on the
         diagonal of the energy rows; the caller has it."""
         self._take(y, V, W)
         self._c.lib.gas_derivatives(*self._at, 0, self._c_by)
@@ -576,14 +606,14 @@ class Balance:
     # ---- gradients -------------------------------------------------------------------------------
 
     def all_derivatives(self, y: Array, V: Array, W: Array) -> dict[str, Array]:
-        """Return the derivatives of the residual by all quantities of a step, each (n + s, ...), by
-        their names: "y", "V", "W", "p0", "m0", "V0" of the start, "area" of openings, "boundary"
-        (b, 2) pressure [Pa] and temperature [K] of the boundaries, and "wall" (w, 2) temperature
-        [K] and size of walls.  U0 is that of p0, m0 and V0.  The first call is collective."""
+        """Return the derivatives of the residual by all quantities of a step, each
+        (n + s + r, ...), by their names: "y", "V", "W", "p0", "m0", "V0", "x0" of the start, "area"
+        of openings, "numbers" that are their parameters, "boundary" (b, 2) pressure [Pa] and
+        temperature [K] of the boundaries, and "wall" (w, 2) temperature [K] and size of walls.  U0 is that of p0, m0 and V0.  The first call is collective."""
         pointer = self._network.pointer
         if pointer.slopes == self._c.ffi.NULL:
             self._slope_laws = self._functions(
-                [flow.compile_slopes(self._comm) for flow in self._flow_laws]
+                [flow.compile_slopes(self._comm) for flow in self.flow_laws]
             )
             pointer.slopes = self._slope_laws
         n = self._n
@@ -595,9 +625,9 @@ class Balance:
         self._c.lib.gas_weight_derivatives(pointer, self._pointer("weights", weights))
         self._c.lib.gas_derivatives(*self._at, 1, self._pointer("by", by))
         self._raise_errors()
-        s = self._size - n
+        s = self._mass_count
         counts = {
-            "y": n + s,
+            "y": self._size,
             "V": n,
             "p0": n,
             "m0": s,
@@ -607,6 +637,8 @@ class Balance:
             "area": len(self.passages),
             "wall": 2 * w,
             "W": n,
+            "x0": self._variable_count,
+            "numbers": sum(len(flow.parameters) for flow in self.flow_laws),
         }
         ends = np.cumsum(list(counts.values()))
         slices = {

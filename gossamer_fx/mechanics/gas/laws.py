@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.laws.law import Law, compile_law
 from gossamer_fx.core.laws.tracing import Number
-from gossamer_fx.mechanics.gas.contract import CompiledWall, Gas, Opening
+from gossamer_fx.mechanics.gas.contract import CompiledWall, DynamicOpening, Gas, Opening
 from gossamer_fx.mechanics.gas.mixture import Blend
 from gossamer_fx.mechanics.gas.tables import LinearTable
 
@@ -31,11 +32,29 @@ def numbers_of(item: Any) -> list[float]:
     """The numbers of an item of a scene, in the order of `with_numbers`."""
     found: list[float] = []
     for value in _values(item).values():
-        if isinstance(value, LinearTable):
-            found += [number for point in value.points for number in point]
-        else:
-            found.append(value)
+        found += _numbers_in(value)
     return found
+
+
+def _numbers_in(value: float | LinearTable) -> list[float]:
+    """A number, or those of a table."""
+    if isinstance(value, LinearTable):
+        return [number for point in value.points for number in point]
+    return [value]
+
+
+def position_of(opening: Opening, name: str) -> int:
+    """Where a number of an opening stands in `numbers_of`.  `InputError`: it is not a number among
+    its fields."""
+    first = 0
+    for field, value in _values(opening).items():
+        if field == name:
+            return first
+        first += len(_numbers_in(value))
+    raise InputError(
+        f"{type(opening).__name__} '{opening.name}': its '{name}' is {getattr(opening, name, None)!r}"
+        "; make it a field of the dataclass, and give a number."
+    )
 
 
 def with_numbers(item: Any, numbers: Iterator[Number]) -> Any:
@@ -62,8 +81,21 @@ def _values(item: Any) -> dict[str, Any]:
     """Real numbers and tables among the fields of an item."""
     if not is_dataclass(item):
         return {}
-    values = {field.name: getattr(item, field.name, None) for field in fields(item)}
-    return {name: value for name, value in values.items() if isinstance(value, float | LinearTable)}
+    # What gradients and states are of may be given as a whole number.
+    named = {*item.parameters, *_variables(item)} if isinstance(item, Opening) else set()
+    values = {}
+    for field in fields(item):
+        value = getattr(item, field.name, None)
+        if field.name in named and isinstance(value, int):
+            value = float(value)
+        if isinstance(value, float | LinearTable):
+            values[field.name] = value
+    return values
+
+
+def _variables(opening: Opening) -> list[str]:
+    """Names of the state variables of an opening."""
+    return list(opening.variables) if isinstance(opening, DynamicOpening) else []
 
 
 class GasAtEnd(Gas):
@@ -110,12 +142,15 @@ class GasAtEnd(Gas):
 
 
 class FlowLaw:
-    """The mass flow through an opening as a law: of p, T, R, γ and mass fractions at both ends, its
-    effective area and its numbers.
+    """The mass flow through an opening, and the rates of its state variables, as a law: of p, T, R, γ
+    and mass fractions at both ends, its effective area and its numbers.
 
     Attributes:
         end_count: number of arguments for one end.
         numbers: of the opening.
+        variable_names, variables: of its state variables, and where they are in the arguments.
+        start_values: of the state variables at the start of a run.
+        parameters: its numbers by which gradients are derived.
     """
 
     def __init__(self, opening: Opening, species: Sequence[Gas]) -> None:
@@ -129,9 +164,23 @@ class FlowLaw:
             ends += [f"p_{side}", f"T_{side}", f"R_{side}", f"gamma_{side}", *shares]
         self._ends = ends
         self._names = [*ends, "area", *(f"number_{i}" for i in range(len(self.numbers)))]
+        first = 2 * self.end_count + 1
+        self.variable_names = _variables(opening)
+        positions = [position_of(opening, name) for name in self.variable_names]
+        self.variables = [first + position for position in positions]
+        self.start_values = [self.numbers[position] for position in positions]
+        self.parameters = list(opening.parameters)
+        self._by_parameters = [
+            self._names[first + position_of(opening, name)] for name in self.parameters
+        ]
 
-    def __call__(self, *arguments: Number) -> Number:
-        """Mass flow [kg/s] from the first to the second end."""
+    @property
+    def output_count(self) -> int:
+        """The flow and the rates."""
+        return 1 + len(self.variables)
+
+    def __call__(self, *arguments: Number) -> list[Number]:
+        """Mass flow [kg/s] from the first to the second end, and rates."""
         count = self.end_count
         a = arguments[:count]
         b = arguments[count : 2 * count]
@@ -141,20 +190,42 @@ class FlowLaw:
             GasAtEnd(self._species, a[:4], a[4:]),
             GasAtEnd(self._species, b[:4], b[4:]),
         )
-        return opening.flow(gases, area, (a[0], b[0]), (a[1], b[1]))
+        p = (a[0], b[0])
+        T = (a[1], b[1])
+        outputs = [opening.flow(gases, area, p, T)]
+        if isinstance(opening, DynamicOpening):
+            rates = opening.rates(p, T)
+            check(
+                set(rates) == set(self.variable_names),
+                f"{type(opening).__name__} '{opening.name}': its rates are of {sorted(rates)}; "
+                f"return one for each of its state variables {sorted(self.variable_names)}.",
+            )
+            outputs += [rates[name] for name in self.variable_names]
+        return outputs
 
     def compile(self, by_count: int, comm: MPI.Intracomm) -> Law:
-        """The flow with derivatives by the first properties of both ends.  Collective."""
+        """Flow and rates with derivatives by the first properties of both ends, and by state
+        variables.  Collective."""
         second = self.end_count
         by = [*self._ends[:by_count], *self._ends[second : second + by_count]]
-        return compile_law(self, by=by, comm=comm, names=self._names)
+        by += [self._names[number] for number in self.variables]
+        return compile_law(
+            self, by=by, comm=comm, names=self._names, output_count=self.output_count
+        )
 
     def compile_slopes(self, comm: MPI.Intracomm) -> Law:
-        """The flow and its derivatives by both pressures, with derivatives by all properties of
-        both ends and the area.  Collective."""
-        by = [*self._ends, "area"]
-        pressures = ("p_a", "p_b")
-        return compile_law(self, by=by, comm=comm, names=self._names, slopes_by=pressures)
+        """Flow, rates and derivatives of the flow by both pressures, with derivatives by all
+        properties of both ends, the area, state variables and parameters.  Collective."""
+        by = [*self._ends, "area", *(self._names[number] for number in self.variables)]
+        by += self._by_parameters
+        return compile_law(
+            self,
+            by=by,
+            comm=comm,
+            names=self._names,
+            output_count=self.output_count,
+            slopes_by=("p_a", "p_b"),
+        )
 
 
 def heat_law(gas: Gas, comm: MPI.Intracomm) -> tuple[Law, list[float]]:

@@ -3,8 +3,9 @@
 Problem.  Chambers exchange gas through openings and work with films and pistons.  Energy has to
 close to round-off: what the gas loses in a step the bodies must gain, whatever the step length.
 
-Unknowns.  y = (p1, m1), pressures [Pa] of the n chambers and the s masses [kg] of the species that
-they hold or can receive, s = n for one gas, at the end of a step.  They solve the mass and energy
+Unknowns.  y = (p1, m1, x1), pressures [Pa] of the n chambers, the s masses [kg] of the species that
+they hold or can receive, s = n for one gas, and the r state variables of openings, r = 0 without a
+`DynamicOpening`, at the end of a step.  They solve the mass and energy
 balance of `gas.balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.  The same p̄ acts on the
 film in the midpoint rule, so this work is what the bodies receive, to the last digit.
 
@@ -33,7 +34,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
@@ -47,6 +48,7 @@ from gossamer_fx.mechanics.gas.balance import (
 )
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
+    DynamicOpening,
     Gas,
     Holder,
     Opening,
@@ -64,16 +66,17 @@ if TYPE_CHECKING:
 
 
 class GasNetwork(ScalarUnknowns):
-    """All chambers and openings of a scene: scalar unknowns y = (p1, m1).
+    """All chambers and openings of a scene: scalar unknowns y = (p1, m1, x1).
 
     Attributes:
-        size: number of unknowns, n + s for n chambers with s masses of species.
+        size: number of unknowns, n + s + r for n chambers with s masses of species, and r state
+            variables of openings.
         chambers: states of the chambers after the last accepted step.
         balance: their equations in a step.
         geometry: volumes and rings of the running scene.
-        y: pressures [Pa] and masses [kg] of the last iterate (n + s,).
+        y: pressures [Pa] and masses [kg] of the last iterate (n + s + r,).
         volumes, swept: V and W of the last iterate (n,) [m³].
-        scale: energies [J] and masses [kg] by which the residual is divided (n + s,).
+        scale: energies [J] and masses [kg] by which the residual is divided (n + s + r,).
 
     Raises:
         InputError: the scene has no chamber, two of them enclose the same film, two gases have the
@@ -124,7 +127,13 @@ class GasNetwork(ScalarUnknowns):
         self.geometry.compile()
         self._process = ADIABATIC
         self.balance = Balance(self.contents, self._passages, self._walls, system.comm)
-        self.size = n + len(self.contents.gases)
+        # State variables of openings after the last accepted step, one opening after the other
+        self.x: Array = np.array(
+            [number for flow in self.balance.flow_laws for number in flow.start_values]
+        )
+        # What is positive: pressures and masses
+        self._positive = slice(0, n + len(self.contents.gases))
+        self.size = self._positive.stop + len(self.x)
         # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes
         # [m³]
         self.volumes: Array = np.zeros(n)
@@ -240,19 +249,19 @@ class GasNetwork(ScalarUnknowns):
             first, second = passage.ends
             acting = (self._pressure_at(first), self._pressure_at(second))
             passage.is_open = valve.is_open(passage.was_open, acting)
-        self.balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes)
+        self.balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes, x=self.x)
         # The volumes of the last iterate are not used: they may be those of a step that failed.
         self.volumes = volumes
         self.swept = np.zeros(len(volumes))
         self._magnitude = self._accepted_magnitude
-        guess = np.concatenate([pressures, masses])
+        guess = np.concatenate([pressures, masses, self.x])
         settled = self.balance.settle(guess, self.volumes, self.swept, self._magnitude)
         self.y = guess if settled is None else settled
         self._proposed = self.y
         return self.y
 
     def residual(self, y: Array) -> Array:
-        """Return the scaled residual (n + s,) of the gas balance at the iterate, after it was
+        """Return the scaled residual (n + s + r,) of the gas balance at the iterate, after it was
         solved at its volumes and the pressures were set on the enclosures.  Collective."""
         self.geometry.follow()
         self.volumes, self._magnitude, self.swept = self._measure()
@@ -279,7 +288,9 @@ class GasNetwork(ScalarUnknowns):
         # Newton's update of y belongs to the y that was proposed; it is applied to the y that was
         # used.
         update = y - self._proposed
-        guess = np.maximum(self.y + update, MIN_REMAINING_SHARE * abs(self.y))
+        guess = self.y + update
+        of_gas = self._positive
+        guess[of_gas] = np.maximum(guess[of_gas], MIN_REMAINING_SHARE * abs(self.y[of_gas]))
         settled = self.balance.settle(guess, self.volumes, self.swept, self._magnitude)
         return y if settled is None else settled
 
@@ -338,6 +349,7 @@ class GasNetwork(ScalarUnknowns):
         volumes, _, swept = self._measure()
         works = self.balance.work(self.y, volumes, swept)
         masses = self._masses() + h * rates.mass
+        self.x = self.y[self._positive.stop :].copy()
         start_volumes = np.array([state.volume for state in self.chambers])
         for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
@@ -390,6 +402,16 @@ class GasNetwork(ScalarUnknowns):
         check(bool(found), f"'{opening.name}' is not in the scene; add it.")
         return found[0]
 
+    def variables(self, opening: DynamicOpening) -> dict[str, float]:
+        """The state variables of an opening after the last accepted step, by their names."""
+        first = 0
+        for passage, flow in zip(self._passages, self.balance.flow_laws, strict=True):
+            last = first + len(flow.variables)
+            if passage.opening is opening:
+                return dict(zip(flow.variable_names, self.x[first:last].tolist(), strict=True))
+            first = last
+        raise InputError(f"'{opening.name}' is not in the scene; add it.")
+
     def _masses(self) -> Array:
         """Masses [kg] of the species in all chambers (s,) after the last accepted step."""
         return np.concatenate([state.masses for state in self.chambers])
@@ -434,14 +456,28 @@ class GasNetwork(ScalarUnknowns):
         # argmax would pass over a NaN in favour of a number
         error[~np.isfinite(error)] = np.inf
         largest = error[:n]
-        np.maximum.at(largest, self.contents.owners, error[n:])
+        np.maximum.at(largest, self.contents.owners, error[n : self._positive.stop])
         k = int(np.argmax(largest))
         if largest[k] <= ACCEPTABLE_RESIDUAL:
-            return ""
+            return self._unsolved_variable(error[self._positive.stop :])
         return (
             f"the gas of '{self.chambers[k].chamber.name}' is not in balance (volume "
             f"{self.volumes[k]:.3g} m³, pressure {self.y[k]:.3g} Pa)"
         )
+
+    def _unsolved_variable(self, error: Array) -> str:
+        """`unsolved` of the state variables of openings, with their errors (r,)."""
+        if error.max(initial=0.0) <= ACCEPTABLE_RESIDUAL:
+            return ""
+        worst = int(np.argmax(error))
+        owners = [
+            (passage.opening.name, name)
+            for passage, flow in zip(self._passages, self.balance.flow_laws, strict=True)
+            for name in flow.variable_names
+        ]
+        opening, name = owners[worst]
+        value = self.y[self._positive.stop + worst]
+        return f"'{name}' of '{opening}' does not follow its rate (it would be {value:.3g})"
 
     # ---- scalar unknowns: energies and state -----------------------------------------------------
 
@@ -463,7 +499,8 @@ class GasNetwork(ScalarUnknowns):
 
     def get_history(self) -> dict[str, Any]:
         """Of each chamber name, pressure [Pa], masses [kg], energy [J] and volume [m³]; what was
-        supplied since the start; flows [kg/s] of the last step; which valves were open."""
+        supplied since the start; flows [kg/s] of the last step; which valves were open; state
+        variables of openings."""
         chambers = [
             [
                 state.chamber.name,
@@ -480,6 +517,7 @@ class GasNetwork(ScalarUnknowns):
             "mass supplied": self._mass_supplied,
             "flows": self._flows,
             "open": [passage.was_open for passage, _ in self._switches],
+            "state variables": self.x.tolist(),
         }
 
     def set_history(self, state: dict[str, Any]) -> None:
@@ -495,6 +533,7 @@ class GasNetwork(ScalarUnknowns):
         self._flows = state["flows"]
         for (passage, _), was_open in zip(self._switches, state["open"], strict=True):
             passage.was_open = was_open
+        self.x = np.array(state["state variables"], dtype=float)
 
     # ---- chambers --------------------------------------------------------------------------------
 

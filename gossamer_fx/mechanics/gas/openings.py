@@ -18,7 +18,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.laws.tracing import Number, Symbol, root
 from gossamer_fx.core.model.state import HasSystem
@@ -36,6 +36,7 @@ from gossamer_fx.mechanics.gas.contract import (
     Switch,
     Volume,
     Wall,
+    network_of,
 )
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.network import GasNetwork
@@ -345,10 +346,8 @@ class Valve(Orifice, Switch):
 
     def _passage(self, run: HasSystem) -> Passage:
         """The valve in a run.  `InputError`: it is not in the scene."""
-        for scalars in run.system.equations.scalar_unknowns:
-            if isinstance(scalars, GasNetwork):
-                return scalars.switch(self)
-        raise InputError(f"'{self.name}' is not in the scene; add it.")
+        found: Passage = network_of(self, run).switch(self)
+        return found
 
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Mass flow [kg/s] from a to b while it is open."""
@@ -388,6 +387,7 @@ class PorousFilm(PassiveOpening, Discharge):
     viscous: Annotated[float, positive("Pa s/m")]
     inertial: Annotated[float, not_negative("Pa s²/m²")] = 0.0
     name: str = "porous film"
+    parameters: ClassVar = {"viscous": "Pa s/m", "inertial": "Pa s²/m²"}
 
     def aperture(self, geometry: Geometry) -> Aperture:
         """Return the area [m²] as a function of step length h [s] and time."""
@@ -457,17 +457,14 @@ class Pipe(PassiveOpening):
     friction: Annotated[float, positive("")]
     laminar: Laminar = 1e-5
     name: str = "pipe"
-
-    def aperture(self, geometry: Geometry) -> Aperture:
-        """The cross section [m²], always the same."""
-        return lambda h, t: np.pi / 4 * self.diameter**2
+    parameters: ClassVar = {"diameter": "m", "length": "m", "friction": ""}
 
     def flux(self, gas: Gas, pu: Number, Tu: Number, pd: Number) -> Number:
-        """(2) over the cross section [kg/(s m²)]."""
+        """(2) [kg/s], for an area of one."""
         if pu.real <= 0:
             return 0.0
         γ = gas.heat_ratio(Tu)
-        scale = pu * (γ / (gas.R * Tu)) ** 0.5
+        scale = np.pi / 4 * self.diameter**2 * pu * (γ / (gas.R * Tu)) ** 0.5
         x = pd / pu
         if (1 - x).real >= self.laminar:
             return scale * self._mass_number(γ, x)

@@ -68,12 +68,8 @@ class Blower(Connection):
             "give none that is negative.",
         )
 
-    def aperture(self, geometry: Geometry) -> Aperture:
-        """One blower, in place of an area."""
-        return lambda h, t: 1.0
-
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
-        """Mass flow [kg/s] from a to b; `area` is the number of blowers."""
+        """Mass flow [kg/s] from a to b; `area` is one."""
         density = p[0] / (gases[0].R * T[0])
         return area * density * self.curve(p[1] - p[0])
 
@@ -102,6 +98,7 @@ class Regulator(Orifice):
     pressure: Annotated[float, positive("Pa")]
     droop: Annotated[float, positive("Pa")]
     name: str = "regulator"
+    parameters: ClassVar = {"pressure": "Pa", "droop": "Pa"}
 
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Mass flow [kg/s] from a to b."""

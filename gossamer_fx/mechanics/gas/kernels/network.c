@@ -32,7 +32,7 @@ static ptrdiff_t state_size(const gas_network *net)
 
 /* Where groups of columns of derivatives begin */
 typedef struct {
-    ptrdiff_t V1, p0, m0, V0, theta, walls, boundary, area, wall_state, W, all;
+    ptrdiff_t x1, V1, p0, m0, V0, theta, walls, boundary, area, wall_state, W, x0, numbers, all;
 } gas_columns;
 
 static gas_columns columns_of(const gas_network *net)
@@ -40,7 +40,8 @@ static gas_columns columns_of(const gas_network *net)
     const ptrdiff_t n = net->chamber_count;
     const ptrdiff_t s = net->mass_count;
     gas_columns at;
-    at.V1 = n + s;
+    at.x1 = n + s;
+    at.V1 = at.x1 + net->variable_count;
     at.p0 = at.V1 + n;
     at.m0 = at.p0 + n;
     at.V0 = at.m0 + s;
@@ -50,22 +51,32 @@ static gas_columns columns_of(const gas_network *net)
     at.area = at.boundary + 2 * net->boundary_count;
     at.wall_state = at.area + net->opening_count;
     at.W = at.wall_state + 2 * net->wall_count;
-    at.all = at.W + n;
+    at.x0 = at.W + n;
+    at.numbers = at.x0 + net->variable_count;
+    at.all = at.numbers + net->number_count;
     return at;
 }
 
 ptrdiff_t gas_column_count(const gas_network *net) { return columns_of(net).all; }
 
+/* Length of the outputs of a law, their derivatives, and fractions of what flows with their slopes;
+   `set_rest_rows` needs two numbers for each species. */
+static ptrdiff_t law_length(const gas_network *net)
+{
+    return net->max_outputs * (1 + net->max_by) + 2 * net->species_count;
+}
+
+/* Number of unknowns and equations */
+static ptrdiff_t size_of(const gas_network *net) { return columns_of(net).V1; }
+
 ptrdiff_t gas_work_length(const gas_network *net)
 {
     const ptrdiff_t n = net->chamber_count;
     const ptrdiff_t s = net->mass_count;
-    const ptrdiff_t g = net->species_count;
-    const ptrdiff_t size = n + s;
+    const ptrdiff_t size = size_of(net);
     const ptrdiff_t states = (n + net->boundary_count) * state_size(net);
     const ptrdiff_t solution = 6 * size + size * size + size * (size + n);
-    const ptrdiff_t law = 4 * (9 + 2 * g) + 2 * (2 * g + 5) * (g + 4);
-    return states + solution + law + 2 * n + 2 * s + net->opening_count + 2;
+    return states + solution + law_length(net) + 2 * n + 2 * s + net->opening_count + 2;
 }
 
 static gas_state state_in(const gas_network *net, ptrdiff_t k)
@@ -285,8 +296,20 @@ static ptrdiff_t species_of(const gas_network *net, ptrdiff_t i)
     return net->carried_first[i + 1] - net->carried_first[i];
 }
 
-/* Enter the states at both ends into the arguments of the law of an opening. */
-static double *set_inputs(const gas_network *net, ptrdiff_t i, const gas_state ends[2])
+static ptrdiff_t variables_of(const gas_network *net, ptrdiff_t i)
+{
+    return net->variable_first[i + 1] - net->variable_first[i];
+}
+
+static ptrdiff_t numbers_of(const gas_network *net, ptrdiff_t i)
+{
+    return net->number_first[i + 1] - net->number_first[i];
+}
+
+/* Enter the states at both ends into the arguments of the law of an opening, and its state
+   variables: those at the start of the step if y is null. */
+static double *set_inputs(const gas_network *net, ptrdiff_t i, const gas_state ends[2],
+                          const double *y)
 {
     double *x = net->inputs + net->input_first[i];
     const ptrdiff_t count = species_of(net, i);
@@ -300,6 +323,11 @@ static double *set_inputs(const gas_network *net, ptrdiff_t i, const gas_state e
         }
     }
     x[2 * (FRACTIONS + count)] = net->area[i];
+    for (int32_t v = net->variable_first[i]; v < net->variable_first[i + 1]; ++v) {
+        double *own = x + net->variable_input[v];
+        *own = net->x0[v];
+        if (y) *own += *net->end_share * (y[columns_of(net).x1 + v] - net->x0[v]);
+    }
     return x;
 }
 
@@ -445,10 +473,36 @@ static void add_flow_slopes(const gas_network *net, ptrdiff_t i, const gas_flow 
     }
 }
 
-/* Add the flow through an opening: to the sums of `gas_rates` if `openings` is given, and its
+/* Add the derivatives of a flow by the state variables of its opening to those of the residual, and
+   for all derivatives by its area and numbers; df are the slopes of its law by these. */
+static void add_own_slopes(const gas_network *net, ptrdiff_t i, int order, const gas_flow *flow,
+                           const double *df, double *by, ptrdiff_t stride)
+{
+    const gas_columns at = columns_of(net);
+    const double share = *net->end_share;
+    if (order > 1) {
+        add_column(net, i, flow->enthalpy * *df, *df, flow->mass, flow->fractions, NULL,
+                   at.area + i, stride, by);
+        ++df;
+    }
+    for (int32_t v = net->variable_first[i]; v < net->variable_first[i + 1]; ++v, ++df) {
+        add_column(net, i, flow->enthalpy * share * *df, share * *df, flow->mass, flow->fractions,
+                   NULL, at.x1 + v, stride, by);
+        if (order > 1)
+            add_column(net, i, flow->enthalpy * (1 - share) * *df, (1 - share) * *df, flow->mass,
+                       flow->fractions, NULL, at.x0 + v, stride, by);
+    }
+    if (order < 2) return;
+    for (int32_t number = net->number_first[i]; number < net->number_first[i + 1]; ++number, ++df)
+        add_column(net, i, flow->enthalpy * *df, *df, flow->mass, flow->fractions, NULL,
+                   at.numbers + number, stride, by);
+}
+
+/* Add the flow through an opening at y: to the sums of `gas_rates` if `openings` is given, and its
    derivatives to those of the residual if `by` is given. */
-static void add_flow(const gas_network *net, ptrdiff_t i, int order, double *openings,
-                     double *mass, double *energy, double *supplied, double *by, ptrdiff_t stride)
+static void add_flow(const gas_network *net, ptrdiff_t i, int order, const double *y,
+                     double *openings, double *mass, double *energy, double *supplied, double *by,
+                     ptrdiff_t stride)
 {
     const ptrdiff_t count = species_of(net, i);
     const ptrdiff_t width = FRACTIONS + count;
@@ -456,9 +510,9 @@ static void add_flow(const gas_network *net, ptrdiff_t i, int order, double *ope
     for (int side = 0; side < 2; ++side)
         ends[side] = ready_state(net, net->ends[2 * i + side], order, 0);
     double *f = scratch(net);
-    double *df = f + 3;
-    double *fractions = df + 3 * (2 * width + 1);
-    const double *x = set_inputs(net, i, ends);
+    double *df = f + net->max_outputs;
+    double *fractions = df + net->max_outputs * net->max_by;
+    const double *x = set_inputs(net, i, ends, y);
     const ptrdiff_t by_count = order > 1 ? width : net->by_count[i];
     if (order > 1)
         net->slopes[i](x, f, df, NULL);
@@ -480,11 +534,76 @@ static void add_flow(const gas_network *net, ptrdiff_t i, int order, double *ope
     }
     if (!by) return;
     add_flow_slopes(net, i, &flow, ends, df, by_count, by, stride);
-    if (order > 1) {
-        const double by_area = df[2 * width];
-        add_column(net, i, flow.enthalpy * by_area, by_area, flow.mass, fractions, NULL,
-                   columns_of(net).area + i, stride, by);
+    add_own_slopes(net, i, order, &flow, df + 2 * by_count, by, stride);
+}
+
+/* Of the state variables of an opening at y, where states are set with derivatives of an order: add
+   their excess to the residual, its derivatives to `by`, and to `sizes` what it is compared to;
+   null for none. */
+static void add_variables(const gas_network *net, ptrdiff_t i, int order, const double *y,
+                          double *residual, double *by, ptrdiff_t stride, double *sizes)
+{
+    const gas_columns at = columns_of(net);
+    const double h = *net->h;
+    const double share = *net->end_share;
+    const ptrdiff_t variables = variables_of(net, i);
+    const ptrdiff_t numbers = numbers_of(net, i);
+    const int32_t first = net->variable_first[i];
+    gas_state ends[2];
+    for (int side = 0; side < 2; ++side)
+        ends[side] = ready_state(net, net->ends[2 * i + side], order, 0);
+    const double *x = set_inputs(net, i, ends, y);
+    double *f = scratch(net);
+    double *df = f + net->max_outputs;
+    const ptrdiff_t by_count = order > 1 ? FRACTIONS + species_of(net, i) : net->by_count[i];
+    const ptrdiff_t width = 2 * by_count + variables + (order > 1 ? 1 + numbers : 0);
+    if (order > 1)
+        net->slopes[i](x, f, df, NULL);
+    else
+        net->flow[i](x, f, by || sizes ? df : NULL, NULL);
+    for (ptrdiff_t j = 0; j < variables; ++j) {
+        const ptrdiff_t row = at.x1 + first + j;
+        const double change = h * f[1 + j];
+        const double *slopes = df + (1 + j) * width;
+        const double *own = slopes + 2 * by_count + (order > 1);
+        if (residual) residual[row] = y[row] - net->x0[first + j] - change;
+        if (sizes) {
+            /* A rate is a sum of terms that may cancel, each with its round-off. */
+            double terms = 0;
+            for (int side = 0; side < 2; ++side)
+                terms += fabs(slopes[side * by_count + PRESSURE] * ends[side].values[PRESSURE]);
+            for (ptrdiff_t v = 0; v < variables; ++v)
+                terms += fabs(own[v] * x[net->variable_input[first + v]]);
+            sizes[row] = fabs(y[row]) + fabs(net->x0[first + j]) + fabs(change) +
+                         net->round_off * h * terms;
+            /* It is zero only if all of the residual is. */
+            if (sizes[row] == 0) sizes[row] = 1;
+        }
+        if (!by) continue;
+        double *to = by + row * stride;
+        to[row] += 1;
+        for (int side = 0; side < 2; ++side)
+            for (ptrdiff_t v = 0; v < ends[side].variable_count; ++v)
+                to[ends[side].columns[v]] -=
+                    h * chain(net, i, side, &ends[side], v, slopes + side * by_count, by_count);
+        for (ptrdiff_t v = 0; v < variables; ++v) to[at.x1 + first + v] -= h * share * own[v];
+        if (order < 2) continue;
+        to[at.x0 + first + j] -= 1;
+        for (ptrdiff_t v = 0; v < variables; ++v) to[at.x0 + first + v] -= h * (1 - share) * own[v];
+        to[at.area + i] -= h * own[-1];
+        for (ptrdiff_t v = 0; v < numbers; ++v)
+            to[at.numbers + net->number_first[i] + v] -= h * own[variables + v];
     }
+}
+
+/* The same of all openings that have some. */
+static void add_all_variables(const gas_network *net, int order, const double *y, double *residual,
+                              double *by, ptrdiff_t stride, double *sizes)
+{
+    if (net->variable_count == 0) return;
+    for (ptrdiff_t i = 0; i < net->opening_count; ++i)
+        if (variables_of(net, i) > 0)
+            add_variables(net, i, order, y, residual, by, stride, sizes);
 }
 
 /* Internal energy [J] of a chamber from p V [J] and masses, with its slopes by p V and by masses,
@@ -563,7 +682,7 @@ static void add_heat(const gas_network *net, ptrdiff_t i, int order, const doubl
     const double factor = *net->h * df[0] * net->wall_theta[i] / mass_times_R;
     double *row = by + k * stride;
     row[k] -= factor * V[k];
-    row[n + net->mass_count + k] -= factor * y[k];
+    row[columns_of(net).V1 + k] -= factor * y[k];
     for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass)
         row[n + mass] += factor * end * net->R[net->state_species[mass]];
     if (order < 2) return;
@@ -589,8 +708,10 @@ void gas_rates(const gas_network *net, const double *y, const double *V, double 
     supplied[0] = 0;
     supplied[1] = 0;
     set_states(net, y, V, 0);
-    for (ptrdiff_t i = 0; i < net->opening_count; ++i)
-        add_flow(net, i, 0, openings, mass, energy, supplied, NULL, 0);
+    memset(openings, 0, (size_t)net->opening_count * sizeof *openings);
+    /* Pressures that are held do not equalise. */
+    for (ptrdiff_t i = 0; *net->process != HELD && i < net->opening_count; ++i)
+        add_flow(net, i, 0, y, openings, mass, energy, supplied, NULL, 0);
     for (ptrdiff_t i = 0; i < net->wall_count; ++i)
         add_heat(net, i, 0, y, V, energy, supplied, NULL, 0);
 }
@@ -642,8 +763,7 @@ static void residual_of(const gas_network *net, const double *y, const double *V
 /* Memory for the sums of flows, behind that of a law */
 static double *sums_in(const gas_network *net)
 {
-    const ptrdiff_t g = net->species_count;
-    return scratch(net) + 4 * (9 + 2 * g) + 2 * (2 * g + 5) * (g + 4);
+    return scratch(net) + law_length(net);
 }
 
 void gas_residual(const gas_network *net, const double *y, const double *V, const double *W,
@@ -655,6 +775,7 @@ void gas_residual(const gas_network *net, const double *y, const double *V, cons
     double *openings = supplied + 2;
     gas_rates(net, y, V, openings, mass, energy, supplied);
     residual_of(net, y, V, W, mass, energy, residual);
+    add_all_variables(net, 0, y, residual, NULL, 0, NULL);
 }
 
 /* Derivatives of the energy rows of an equilibrium's process, which take the place of the others. */
@@ -662,7 +783,7 @@ static void set_rest_rows(const gas_network *net, const double *y, const double 
                           ptrdiff_t stride, double *by)
 {
     const ptrdiff_t n = net->chamber_count;
-    const ptrdiff_t s = net->mass_count;
+    const ptrdiff_t V1 = columns_of(net).V1;
     double *by_m = scratch(net);
     double *of_start = by_m + net->species_count;
     for (ptrdiff_t k = 0; k < n; ++k) {
@@ -670,9 +791,9 @@ static void set_rest_rows(const gas_network *net, const double *y, const double 
         memset(row, 0, (size_t)stride * sizeof *row);
         if (*net->process == HELD) {
             row[k] = V[k];
-            row[n + s + k] = y[k] - net->p0[k];
+            row[V1 + k] = y[k] - net->p0[k];
             for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass)
-                by[(n + mass) * stride + n + s + k] =
+                by[(n + mass) * stride + V1 + k] =
                     -net->m0[mass] * net->p0[k] / net->pV0[k];
             continue;
         }
@@ -681,7 +802,7 @@ static void set_rest_rows(const gas_network *net, const double *y, const double 
         energy_of(net, k, y[k] * V[k], m, &factor, by_m, NULL);
         energy_at_start(net, k, m, of_start);
         row[k] = V[k] * factor;
-        row[n + s + k] = y[k] * factor;
+        row[V1 + k] = y[k] * factor;
         for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass)
             row[n + mass] =
                 by_m[mass - net->state_first[k]] - of_start[mass - net->state_first[k]];
@@ -692,23 +813,22 @@ void gas_derivatives(const gas_network *net, const double *y, const double *V, c
                      int32_t all, double *by)
 {
     const ptrdiff_t n = net->chamber_count;
-    const ptrdiff_t s = net->mass_count;
     const gas_columns at = columns_of(net);
-    const ptrdiff_t stride = all ? at.all : 2 * n + s;
+    const ptrdiff_t stride = all ? at.all : at.V1 + n;
     const int order = all ? 2 : 1;
     double *by_m = scratch(net);
-    memset(by, 0, (size_t)((n + s) * stride) * sizeof *by);
+    memset(by, 0, (size_t)(at.V1 * stride) * sizeof *by);
     for (ptrdiff_t k = 0; k < n; ++k) {
         double *row = by + k * stride;
         const double *m = y + n + net->state_first[k];
         double factor;
         energy_of(net, k, y[k] * V[k], m, &factor, by_m, NULL);
         row[k] = V[k] * factor;
-        row[n + s + k] = y[k] * factor;
+        row[at.V1 + k] = y[k] * factor;
         if (*net->process == IN_TIME)
             row[k] += W[k] / 2;
         else if (*net->process == ADIABATIC)
-            row[n + s + k] += net->p0[k] * pow(expansion(net, k, V), 1 + net->exponent[k]);
+            row[at.V1 + k] += net->p0[k] * pow(expansion(net, k, V), 1 + net->exponent[k]);
         for (int32_t mass = net->state_first[k]; mass < net->state_first[k + 1]; ++mass) {
             row[n + mass] = by_m[mass - net->state_first[k]];
             by[(n + mass) * stride + n + mass] = 1;
@@ -723,10 +843,11 @@ void gas_derivatives(const gas_network *net, const double *y, const double *V, c
             by[(n + mass) * stride + at.m0 + mass] = -1;
         }
     }
+    set_states(net, y, V, order);
+    add_all_variables(net, order, y, NULL, by, stride, NULL);
     if (*net->process != HELD) {
-        set_states(net, y, V, order);
         for (ptrdiff_t i = 0; i < net->opening_count; ++i)
-            add_flow(net, i, order, NULL, NULL, NULL, NULL, by, stride);
+            add_flow(net, i, order, y, NULL, NULL, NULL, NULL, by, stride);
         for (ptrdiff_t i = 0; i < net->wall_count; ++i)
             add_heat(net, i, order, y, V, NULL, NULL, by, stride);
     }
@@ -800,10 +921,12 @@ static double carried_ratio_slope(const gas_network *net, ptrdiff_t i, const gas
 }
 
 /* An opening as a conductance between its ends, of which `up` is upstream: inputs x, outputs f and
-   slopes df of its law; h gamma R T upstream; and slopes of gamma of a carried gas by T. */
+   slopes df of its law, `by_count` of each output, the first by `width` properties of each end;
+   h gamma R T upstream; and slopes of gamma of a carried gas by T. */
 typedef struct {
     ptrdiff_t opening;
     ptrdiff_t width;
+    ptrdiff_t by_count;
     int up;
     int is_carried;
     gas_state ends[2];
@@ -826,6 +949,21 @@ static double log_slope_of_factor(const gas_conductor *c, ptrdiff_t v)
     return of_T + slope[GAS_CONSTANT] / gas[GAS_CONSTANT] + slope[HEAT_RATIO] / gas[HEAT_RATIO];
 }
 
+/* Add `factor` times the slopes of the law, or of its slopes, by what belongs to the opening itself:
+   its area, state variables at the start and numbers. */
+static void add_own_weight_slopes(const gas_network *net, const gas_conductor *c, double factor,
+                                  const double *slopes, double *row)
+{
+    const ptrdiff_t i = c->opening;
+    const gas_columns at = columns_of(net);
+    const double *own = slopes + 2 * c->width;
+    row[at.area + i] += factor * *own++;
+    for (int32_t v = net->variable_first[i]; v < net->variable_first[i + 1]; ++v)
+        row[at.x0 + v] += factor * *own++;
+    for (int32_t number = net->number_first[i]; number < net->number_first[i + 1]; ++number)
+        row[at.numbers + number] += factor * *own++;
+}
+
 /* Add the slopes of the conductance to the pressure of one chamber, k at the end `side`: those of
    the relaxation, the slope of the flow by p times that of the pressure by what flowed. */
 static void add_relaxation_slopes(const gas_network *net, const gas_conductor *c, int side,
@@ -834,14 +972,15 @@ static void add_relaxation_slopes(const gas_network *net, const gas_conductor *c
     const double stiffness = c->factor / net->V0[k];
     const double sign = side == 0 ? -1 : 1;
     double *row = sums->by + k * sums->stride;
-    const double *second = c->df + (1 + side) * (2 * c->width + 1);
+    const ptrdiff_t variables = variables_of(net, c->opening);
+    const double *second = c->df + (1 + variables + side) * c->by_count;
     for (int end = 0; end < 2; ++end)
         for (ptrdiff_t v = 0; v < c->ends[end].variable_count; ++v)
             row[c->ends[end].columns[v]] -=
                 stiffness * sign *
                 chain_at(net, c->opening, end, &c->ends[end], v, second + end * c->width,
                          c->ratio_by_T[end]);
-    row[columns_of(net).area + c->opening] -= stiffness * sign * second[2 * c->width];
+    add_own_weight_slopes(net, c, -stiffness * sign, second, row);
     for (ptrdiff_t v = 0; v < c->ends[c->up].variable_count; ++v)
         row[c->ends[c->up].columns[v]] -=
             stiffness * sign * by_p[side] * log_slope_of_factor(c, v);
@@ -885,7 +1024,7 @@ static void add_equalisation_slopes(const gas_network *net, gas_conductor *c, in
         row[ends[down].columns[v]] +=
             scale * chain_at(net, c->opening, down, &ends[down], v, by_end, c->ratio_by_T[down]);
     memcpy(by_end, own, sizeof own);
-    row[columns_of(net).area + c->opening] += scale * c->df[2 * c->width];
+    add_own_weight_slopes(net, c, scale, c->df, row);
     row[columns_of(net).V0 + k] -= scale * c->f[0] / net->V0[k];
 }
 
@@ -905,10 +1044,11 @@ static int set_conductor(const gas_network *net, ptrdiff_t i, int by, gas_conduc
 {
     c->opening = i;
     c->width = FRACTIONS + species_of(net, i);
+    c->by_count = 2 * c->width + 1 + variables_of(net, i) + numbers_of(net, i);
     c->is_carried = net->carried[net->carried_first[i]] >= 0;
     for (int side = 0; side < 2; ++side)
         c->ends[side] = ready_state(net, net->ends[2 * i + side], by ? 2 : 0, 1);
-    c->x = set_inputs(net, i, c->ends);
+    c->x = set_inputs(net, i, c->ends, NULL);
     if (c->is_carried)
         for (int side = 0; side < 2; ++side)
             carry_alone(net, i, &c->ends[side], c->x + side * c->width);
@@ -920,7 +1060,7 @@ static int set_conductor(const gas_network *net, ptrdiff_t i, int by, gas_conduc
         c->up = first[TEMPERATURE] >= second[TEMPERATURE] ? 0 : 1;
     const double *gas = c->x + c->up * c->width;
     c->f = scratch(net);
-    c->df = c->f + 3;
+    c->df = c->f + net->max_outputs;
     c->factor = *net->h * gas[HEAT_RATIO] * gas[GAS_CONSTANT] * gas[TEMPERATURE];
     for (int side = 0; side < 2; ++side)
         c->ratio_by_T[side] =
@@ -936,8 +1076,9 @@ static void add_conductance(const gas_network *net, ptrdiff_t i, const gas_weigh
     if (!set_conductor(net, i, by, &c)) return;
     const ptrdiff_t by_count = by ? c.width : net->by_count[i];
     evaluate(net, &c, by, c.df);
-    const double by_p[2] = {by ? c.f[1] : c.df[PRESSURE],
-                            by ? c.f[2] : c.df[by_count + PRESSURE]};
+    const double *slopes = c.f + 1 + variables_of(net, i);
+    const double by_p[2] = {by ? slopes[0] : c.df[PRESSURE],
+                            by ? slopes[1] : c.df[by_count + PRESSURE]};
     for (int side = 0; side < 2; ++side) {
         const int32_t k = net->ends[2 * i + side];
         if (k >= net->chamber_count) continue;
@@ -1105,13 +1246,13 @@ static int solve_linear(double *A, ptrdiff_t stride, double *b, ptrdiff_t size)
     return 1;
 }
 
-/* Set error (n + s) to the residual over the scale; returns its square. */
+/* Set error (n + s + r) to the residual over the scale; returns its square. */
 static double scaled_residual(const gas_network *net, const double *y, const double *V,
                               const double *W, const double *scale, double *error)
 {
     double square = 0;
     gas_residual(net, y, V, W, error);
-    for (ptrdiff_t i = 0; i < net->chamber_count + net->mass_count; ++i) {
+    for (ptrdiff_t i = 0; i < size_of(net); ++i) {
         error[i] /= scale[i];
         square += error[i] * error[i];
     }
@@ -1138,6 +1279,9 @@ void gas_scales(const gas_network *net, const double *y, const double *V, const 
         for (int32_t row = net->state_first[k]; row < net->state_first[k + 1]; ++row)
             scale[n + row] = mass * flows + start;
     }
+    if (net->variable_count == 0) return;
+    set_states(net, y, V, 0);
+    add_all_variables(net, 0, y, NULL, NULL, 0, scale);
 }
 
 int gas_solve(const gas_network *net, double *y, const double *V, const double *W,
@@ -1145,7 +1289,7 @@ int gas_solve(const gas_network *net, double *y, const double *V, const double *
 {
     const ptrdiff_t n = net->chamber_count;
     const ptrdiff_t s = net->mass_count;
-    const ptrdiff_t size = n + s;
+    const ptrdiff_t size = size_of(net);
     const ptrdiff_t stride = size + n;
     double *scale = sums_in(net) + 2 * n + 2 * s + net->opening_count + 2;
     double *error = scale + size;
@@ -1165,6 +1309,12 @@ int gas_solve(const gas_network *net, double *y, const double *V, const double *
         square += error[i] * error[i];
     }
     for (ptrdiff_t iteration = 0; iteration < net->max_iterations; ++iteration) {
+        if (net->variable_count > 0) {
+            /* The size of a state variable that starts at zero is that of the iterate. */
+            set_states(net, y, V, 0);
+            add_all_variables(net, 0, y, NULL, NULL, 0, scale);
+            square = scaled_residual(net, y, V, W, scale, error);
+        }
         if (all_within(error, size, net->tolerance)) return 1;
         gas_derivatives(net, y, V, W, 0, matrix);
         for (ptrdiff_t row = 0; row < size; ++row) {
@@ -1175,8 +1325,9 @@ int gas_solve(const gas_network *net, double *y, const double *V, const double *
         const double square_before = square;
         double length = 1;
         for (ptrdiff_t halving = 0; halving < net->max_halvings; ++halving, length /= 2) {
-            for (ptrdiff_t i = 0; i < size; ++i)
-                trial[i] = fmax(y[i] - length * update[i], net->remaining * y[i]);
+            for (ptrdiff_t i = 0; i < size; ++i) trial[i] = y[i] - length * update[i];
+            for (ptrdiff_t i = 0; i < n + s; ++i)
+                trial[i] = fmax(trial[i], net->remaining * y[i]);
             square = scaled_residual(net, trial, V, W, scale, error);
             if (square < square_before) break;
         }

@@ -6,10 +6,10 @@
    (forms/c_source.py).  Python checks lengths and types of all arrays, and the range of all
    numbers.  Shapes stand in brackets; arrays are stored row by row.
 
-   n chambers with s masses, m openings, w walls, b boundaries, g species; y (n + s) are pressures
-   [Pa], then masses [kg], V and W (n) volumes at the end of the step and swept volumes [m^3].  A
-   state of gas is that of a chamber, 0 to n - 1, or of a boundary, n to n + b - 1; its species have
-   local numbers. */
+   n chambers with s masses, m openings with r state variables, w walls, b boundaries, g species;
+   y (n + s + r) are pressures [Pa], masses [kg], then state variables, V and W (n) volumes at the
+   end of the step and swept volumes [m^3].  A state of gas is that of a chamber, 0 to n - 1, or of a
+   boundary, n to n + b - 1; its species have local numbers. */
 #ifndef GOSSAMER_GAS_NETWORK_H
 #define GOSSAMER_GAS_NETWORK_H
 
@@ -25,6 +25,8 @@ typedef struct {
     ptrdiff_t wall_count;           /* w */
     ptrdiff_t boundary_count;       /* b */
     ptrdiff_t species_count;        /* g */
+    ptrdiff_t variable_count;       /* r */
+    ptrdiff_t number_count;         /* of openings, by which there are derivatives */
     int32_t *process;               /* (1) 0 step in time, 1 adiabatic, 2 isothermal, 3 held */
 
     /* Species: u [J/kg] and c_v [J/(kg K)] of the temperature */
@@ -40,12 +42,19 @@ typedef struct {
     const double *boundary;         /* (b, 2) pressure [Pa] and temperature [K] in the step */
 
     /* Openings: mass flow [kg/s] from the first to the second end, of
-       (p, T, R, gamma, Y of its species) at both ends, area and numbers */
+       (p, T, R, gamma, Y of its species) at both ends, area and numbers, and the rates of its state
+       variables, which are some of the numbers */
     const int32_t *ends;            /* (m, 2) numbers of states */
-    const gas_law *flow;            /* (m) laws of one output */
-    const gas_law *slopes;          /* (m) the same with the slopes by both pressures as further
-                                       outputs, by all properties and the area; null in runs */
+    const gas_law *flow;            /* (m) laws, by properties of both ends and state variables */
+    const gas_law *slopes;          /* (m) the same with the slopes of the flow by both pressures as
+                                       further outputs, by all properties, the area, state variables
+                                       and numbers with derivatives; null in runs */
     const int32_t *by_count;        /* (m) properties of an end by which `flow` is derived */
+    ptrdiff_t max_outputs;          /* most outputs of one of `slopes` */
+    ptrdiff_t max_by;               /* most inputs by which one is derived */
+    const int32_t *variable_first;  /* (m + 1) where the state variables of an opening begin */
+    const int32_t *variable_input;  /* (r) where they are in the arguments of their law */
+    const int32_t *number_first;    /* (m + 1) where its numbers with derivatives begin */
     double *inputs;                 /* arguments of the laws */
     const int32_t *input_first;     /* (m + 1) where those of an opening begin */
     const int32_t *carried_first;   /* (m + 1) where the species of an opening begin */
@@ -69,6 +78,8 @@ typedef struct {
     double *amplification;          /* (n) of round-off by openings and walls */
     double *exponent;               /* (n) gamma - 1 at the start */
     double *wall_theta;             /* (w) weight of the end in the temperature at walls */
+    const double *x0;               /* (r) state variables at its start */
+    const double *end_share;        /* (1) weight of the end in state variables */
 
     /* Of the solution: */
     ptrdiff_t max_iterations;
@@ -86,9 +97,9 @@ typedef struct {
 /* Length of `work` for the other numbers of a network. */
 ptrdiff_t gas_work_length(const gas_network *network);
 
-/* Number of columns of all derivatives: by p1 (n), m1 (s), V1 (n), p0 (n), m0 (s), V0 (n), theta (n),
-   weights of walls (w), pressure and temperature of boundaries (b, 2), areas (m), temperatures and
-   sizes of walls (w, 2), W (n). */
+/* Number of columns of all derivatives: by p1 (n), m1 (s), x1 (r), V1 (n), p0 (n), m0 (s), V0 (n),
+   theta (n), weights of walls (w), pressure and temperature of boundaries (b, 2), areas (m),
+   temperatures and sizes of walls (w, 2), W (n), x0 (r), numbers of openings. */
 ptrdiff_t gas_column_count(const gas_network *network);
 
 /* Start a step: set pV0 to exponent, and the weights of flows and heats by (4) and (5). */
@@ -106,16 +117,18 @@ void gas_rates(const gas_network *network, const double *y, const double *V, dou
 void gas_work(const gas_network *network, const double *y, const double *V, const double *W,
               double *work);
 
-/* Set the excess of energy [J], then mass [kg], in each chamber over its balance, (n + s). */
+/* Set the excess of energy [J], then mass [kg], in each chamber over its balance, then that of state
+   variables over what their rates give, (n + s + r). */
 void gas_residual(const gas_network *network, const double *y, const double *V, const double *W,
                   double *residual);
 
-/* Set the derivatives (n + s, 2 n + s) of the residual by y and V, or by all columns if `all`. */
+/* Set the derivatives (n + s + r, 2 n + s + r) of the residual by y and V, or by all columns if
+   `all`. */
 void gas_derivatives(const gas_network *network, const double *y, const double *V, const double *W,
                      int32_t all, double *by);
 
-/* Set the energies [J], then masses [kg], to which the residual is compared, (n + s); magnitude (n)
-   is the sum of the sizes of the terms of a volume [m^3]. */
+/* Set the energies [J], masses [kg], then state variables, to which the residual is compared,
+   (n + s + r); magnitude (n) is the sum of the sizes of the terms of a volume [m^3]. */
 void gas_scales(const gas_network *network, const double *y, const double *V,
                 const double *magnitude, double *scale);
 
