@@ -37,8 +37,10 @@ Own kinds of terms
     what it computes with: `Coordinates`, `NumberedBlock`, `compile_form`, `compile_expression`;
     `PointMeasures`, `Gather`, `add_blocks`, `attach_all`
 Gas
-    the bases of items: `Holder` of boundaries, `Volume`, `Opening`, `Wall`, `Enclosure`;
-    `CompiledEnclosure`, `CompiledWall`
+    the bases of items: `Holder` of boundaries, `Volume`, `Opening`, `DynamicOpening` with state
+    variables, `PassiveOpening` of one law for both directions, `Wall`, `Enclosure`;
+    `CompiledEnclosure`, `CompiledWall`; the
+    `GasNetwork` that openings name as their `scalar_unknowns`; `isentropic_flow`
 Steppers
     `Stepper`, `StepSolver`, `StressRule`
 Runs

@@ -91,6 +91,8 @@ from .mechanics.gas.contract import Wall as Wall
 from .mechanics.gas.enclosure import CompiledEnclosure as CompiledEnclosure
 from .mechanics.gas.enclosure import Enclosure as Enclosure
 from .mechanics.gas.network import GasNetwork as GasNetwork
+from .mechanics.gas.openings import PassiveOpening as PassiveOpening
+from .mechanics.gas.openings import isentropic_flow as isentropic_flow
 from .mechanics.materials.film import FilmLaw as FilmLaw
 from .mechanics.materials.film import IsotropicFilm as IsotropicFilm
 from .mechanics.terms.assembly import ActiveSet as ActiveSet

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,6 +9,7 @@ import gossamer_fx as gx
 from gossamer_fx.extend import LawBoundary, ObstacleBoundary
 from gossamer_fx.mechanics.contact.pairs import STENCILS, PairTable, closest_points
 from gossamer_fx.meshes.sheet import sheet
+from tests import own_part
 
 LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-4)
 
@@ -107,17 +104,9 @@ def test_its_derivatives_are_those_of_its_distance(kind):
 
 
 @pytest.fixture(scope="module")
-def torus(tmp_path_factory):
+def torus():
     """The tutorial's obstacle."""
-    page = Path(__file__).parents[2] / "docs/tutorials/own_part.md"
-    text = page.read_text().split("## An obstacle of your own")[1]
-    code = text.split("```python\n")[1].split("```")[0]
-    path = tmp_path_factory.mktemp("page") / "own_torus.py"
-    path.write_text(code)
-    spec = importlib.util.spec_from_file_location("own_torus", path)
-    sys.modules["own_torus"] = module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.Torus
+    return own_part.module_of("An obstacle of your own").Torus
 
 
 @pytest.mark.mpi

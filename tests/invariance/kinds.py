@@ -20,6 +20,7 @@ from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import crossed_sheet, sheet
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.meshes.tube_section import capped_cylinder
+from tests import own_part
 from tests.invariance.transformations import Array, Description, Patch, Pieces
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
@@ -282,6 +283,22 @@ def gas_inlet(at: Description) -> Made:
     return Made([*film.parts, tube, valve], film.ports, gas=("tube", "tank"))
 
 
+def valve_with_inertia(at: Description) -> Made:
+    """The same tube, which is filled through a valve whose plate swings."""
+    made = gas_inlet(at)
+    tube, orifice = made.parts[-2:]
+    valve = own_part.module_of("A valve whose plate has inertia").PlateValve(
+        orifice.a,
+        tube,
+        mass=at(1e-5, "kg"),
+        spring=at(2e3, "N/m"),
+        damping=at(0.02, "kg/s"),
+        diameter=at(2e-3, "m"),
+        speed=at(0.1, "m/s"),
+    )
+    return Made([*made.parts[:-1], valve], made.ports, gas=made.gas)
+
+
 def films_in_contact(at: Description, friction: float = 0.0) -> Made:
     """A film that falls on another one."""
     law = at.law(gx.Miyazaki, **FILM)
@@ -454,6 +471,7 @@ def orbit(at: Description) -> Made:
 
 NO_TRIANGLES = {"renumbered": "the nodes of lines are numbered along them"}
 NO_FILM = {"split": "no body that could be cut", **NO_TRIANGLES}
+WHOLE = {"split": "the film of a chamber is whole"}
 NO_BENDING = {"split": "a tie carries no bending"}
 
 KINDS = (
@@ -477,7 +495,8 @@ KINDS = (
     Kind("sewn seam", sewn_seam, 1e-3, 6, 1e-9),
     Kind("crease", crease, 2e-4, 6, 1e-8, {"split": "the crease is the line of the cut"}),
     Kind("plate", plate, 1e-3, 4, 1e-8, NO_BENDING),
-    Kind("gas inlet", gas_inlet, 1e-4, 6, 1e-9, {"split": "the film of a chamber is whole"}),
+    Kind("gas inlet", gas_inlet, 1e-4, 6, 1e-9, WHOLE),
+    Kind("valve with inertia", valve_with_inertia, 1e-4, 6, 1e-9, WHOLE),
     Kind("films in contact", films_in_contact, 1e-4, 6, 1e-8),
     Kind("films that rub", films_that_rub, 1e-4, 6, 1e-8),
     Kind("friction on an obstacle", friction_on_an_obstacle, 1e-4, 6, 1e-9),

@@ -178,14 +178,8 @@ class Leak(Opening):
     name: str = "leak"
     scalar_unknowns = GasNetwork
 
-    def requires(self) -> Sequence[object]:
-        return [self.a, self.b]
-
-    def aperture(self, geometry: Any) -> Any:
-        return lambda h, t: self.conductance
-
     def flow(self, gases: Any, area: float, p: Any, T: Any) -> Any:
-        return area * (p[0] - p[1])
+        return self.conductance * (p[0] - p[1])
 
 
 @pytest.mark.mpi

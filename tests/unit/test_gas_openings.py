@@ -450,8 +450,8 @@ def feeds(a, b, c):
 
 @dataclass(frozen=True, eq=False)
 class Plate(DynamicOpening):
-    """A plate of mass m on a spring, which the pressure of a lifts; in the middle between closed and
-    wide open it is as an orifice whose area is that of its lift."""
+    """A plate on a spring, which the pressure of a lifts; its flow is proportional to its lift and
+    to the difference of pressures."""
 
     a: gx.Tank
     b: gx.Tank
@@ -463,9 +463,6 @@ class Plate(DynamicOpening):
     scalar_unknowns = GasNetwork
     variables: ClassVar = {"lift": "m", "speed": "m/s"}
     parameters: ClassVar = {"mass": "kg", "spring": "N/m"}
-
-    def requires(self):
-        return [self.a, self.b]
 
     def rates(self, p, T):
         force = 1e-5 * (p[0] - p[1]) - self.spring * self.lift - 1e-3 * T[0] * self.speed
@@ -557,6 +554,33 @@ def numbers_with_derivatives(balance):
         found += [own + position_of(passage.opening, name) for name in flow.parameters]
         first = own + len(flow.numbers)
     return np.frombuffer(balance._c.ffi.buffer(balance._network.pointer.inputs, 8 * first)), found
+
+
+NUMBERS = [
+    (gx.gas.Pipe, {"diameter": 2e-3, "length": 1.0, "friction": 0.02}),
+    (gx.gas.PorousFilm, {"viscous": 4e4, "inertial": 10.0}),
+    (gx.gas.Regulator, {"pressure": 2e5, "droop": 2e5}),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers", "name"),
+    [(kind, numbers, name) for kind, numbers in NUMBERS for name in numbers],
+    ids=[f"{kind.__name__} {name}" for kind, numbers in NUMBERS for name in numbers],
+)
+def test_gradients_by_the_numbers_of_openings_are_those_of_differences(kind, numbers, name):
+    area = {} if kind is gx.gas.Pipe else {"area": 1e-6 if kind is gx.gas.Regulator else 1e-3}
+
+    def make(value):
+        ends = (tank(3e5, "a"), tank(1e5, "b"))
+        opening = kind(*ends, **(area | numbers | {name: value}), name="between")
+        return run_of(opening, dt=0.02)
+
+    change = 1e-2 if name == "inertial" else 1e-3
+    found = pressure_by_differences(
+        make, f"between.{name}", numbers[name], until=0.5, chamber="b", change=change
+    )
+    assert found != 0
 
 
 def test_flows_of_a_user_are_compiled_with_their_numbers():

@@ -14,6 +14,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.extend import LawOfRows
+from tests import own_part
 from tests.small_scenes import run_until
 
 PAGE = Path(__file__).parents[2] / "CONTRIBUTING.md"
@@ -122,14 +123,11 @@ def test_its_energy_has_gradients(own: ModuleType, comm) -> None:
 @pytest.fixture(scope="module")
 def slider() -> dict[str, Any]:
     """What the section on a spring with friction of the tutorial defines."""
-    page = PAGE.parent / "docs" / "tutorials" / "own_part.md"
-    text = page.read_text(encoding="utf-8").split("## A spring with friction")[1]
-    [code] = re.findall(r"```python\n(.*?)```", text.split("\n## ")[0], re.DOTALL)
+    section = "A spring with friction"
+    code = own_part.code_of(section)
     law = code[code.index("def slider") : code.index("@dataclass")]
     assert len(law.strip().splitlines()) <= 25
-    names: dict[str, Any] = {}
-    exec(compile(code, str(page), "exec"), names)
-    return names
+    return vars(own_part.module_of(section))
 
 
 @pytest.mark.mpi

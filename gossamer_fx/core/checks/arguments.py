@@ -341,7 +341,12 @@ def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
     """Module and original name, by local name, of each import under `if TYPE_CHECKING` of a
     module."""
     found: dict[str, tuple[str, str]] = {}
-    for node in ast.parse(inspect.getsource(sys.modules[module])).body:
+    try:
+        source = inspect.getsource(sys.modules[module])
+    except (OSError, TypeError):
+        # A session without a file, e.g. a notebook, has no such imports.
+        return found
+    for node in ast.parse(source).body:
         if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
             continue
         for statement in node.body:

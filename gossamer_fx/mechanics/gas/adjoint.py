@@ -6,8 +6,9 @@ masses,
     r(q1, q0, v0; p̄) = 0                   the bodies, with -p̄ G(q̄) in r, p̄ = (p0 + p1)/2    (1)
     F(p0, m0, V0; y1, V1, W, A, θ) = 0     energy and mass of `gas.balance`                      (2)
 
-and state variables of openings, which are treated as masses are, with volumes V = V(q), swept volumes W(q0, q1) and areas A of the openings, of which rings depend on
-q0 and v0.  Given are a result's derivatives a, b, c with respect to q1, v1 and y1.
+and state variables of openings, which are treated as masses are, with volumes V = V(q), swept
+volumes W(q0, q1) and areas A of the openings, of which rings depend on q0 and v0.  Given are a
+result's derivatives a, b, c with respect to q1, v1 and y1.
 
 Equations.  With μ and ν the adjoint vectors of (1) and (2),
 
@@ -36,7 +37,8 @@ At the first step `finish` adds what the initial pressures and temperatures of t
 
 Cost: some microseconds for three chambers; the laws are compiled once more, with the derivatives of
 the slopes.  Limits: there are no derivatives by the gas itself (γ, R), but by the fractions of a
-mixture, and of openings by the numbers that they name as `parameters`; of an area that a function of time gives, there is the one by a number that multiplies it.
+mixture, and of openings by the numbers that they name as `parameters`; of an area that a function
+of time gives, there is the one by a number that multiplies it.
 """
 
 from __future__ import annotations
@@ -192,10 +194,10 @@ class GasAdjoint:
         """Add a step to the sums of all parameters; return derivatives of the result by the n
         pressures [Pa], s masses [kg] and r state variables at its start, (n + s + r,).  Collective.
 
-        ν (n + s + r,) is the adjoint of the scaled gas balance, μ this rank's part of that of bodies.
-        V0, p0 and m0 are volumes [m³], pressures [Pa] and masses [kg] at the start of the step, V
-        and W [m³] volumes at its end and those swept; `linearise` has computed the derivatives by
-        them.
+        ν (n + s + r,) is the adjoint of the scaled gas balance, μ this rank's part of that of
+        bodies.  V0, p0 and m0 are volumes [m³], pressures [Pa] and masses [kg] at the start of the
+        step, V and W [m³] volumes at its end and those swept; `linearise` has computed the
+        derivatives by them.
         """
         by_start = np.concatenate([-ν @ self._of_balance[name] for name in ("p0", "m0", "x0")])
         for k, state in enumerate(self._network.chambers):
@@ -218,13 +220,13 @@ class GasAdjoint:
 
     def _take_openings(self, ν: Array) -> None:
         """Add derivatives by areas [m²], discharge coefficients and other numbers of openings to
-        their sums, with the adjoint ν (n + s + r,) of the scaled balance.  Those by areas of rings and films are stored
-        for `carry`, which takes them to the films."""
+        their sums, with the adjoint ν (n + s + r,) of the scaled balance.  Those by areas of rings
+        and films are stored for `carry`, which takes them to the films."""
         by_area = -ν @ self._of_balance["area"]
         by_numbers = iter(-ν @ self._of_balance["numbers"])
         for passage in self._passages:
             for name in passage.opening.parameters:
-                self._add(passage.opening, name, next(by_numbers))
+                self._add(passage.opening, name, float(next(by_numbers)))
         self._to_areas = []
         for passage, derivative in zip(self._passages, by_area, strict=True):
             opening = passage.opening
@@ -299,8 +301,8 @@ class GasAdjoint:
         functions of its pressure, temperature, volume and mixture.  Collective.
 
         `by_start` (n + s + r,) are derivatives by the pressures [Pa], masses [kg] and state
-        variables at the start of the run; to this rank's part of those by coordinates [m] that of the volumes is added in
-        place.
+        variables at the start of the run; to this rank's part of those by coordinates [m] that of
+        the volumes is added in place.
         """
         network = self._network
         for k, state in enumerate(network.chambers):
@@ -319,7 +321,7 @@ class GasAdjoint:
         for passage in self._passages:
             if isinstance(passage.opening, DynamicOpening):
                 for name in passage.opening.variables:
-                    self._add(passage.opening, name, next(by_variables))
+                    self._add(passage.opening, name, float(next(by_variables)))
 
     def _add_fractions(self, state: ChamberState, by_masses: Array) -> None:
         """Add the derivatives by the mass fractions of a mixture at given pressure, volume and

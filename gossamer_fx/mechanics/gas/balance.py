@@ -240,9 +240,10 @@ class _States:
 class Balance:
     """Mass and energy balance (1), (2) of the n chambers of a network in a step.
 
-    In the methods y (n + s + r,) are pressures [Pa], masses [kg], then state variables of openings, V (n,) [m³] volumes at the end
-    of the step, W (n,) [m³] the volumes that the enclosures sweep, and `magnitude` (n,) [m³] sums
-    of the sizes of the summands of each volume, of which round-off is a part.
+    In the methods y (n + s + r,) are pressures [Pa], masses [kg], then state variables of openings,
+    V (n,) [m³] volumes at the end of the step, W (n,) [m³] the volumes that the enclosures sweep,
+    and `magnitude` (n,) [m³] sums of the sizes of the summands of each volume, of which round-off
+    is a part.
 
     Attributes:
         contents: the gas of the chambers.
@@ -500,13 +501,11 @@ class Balance:
 
     # ---- a step ----------------------------------------------------------------------------------
 
-    def begin(
-        self, h: float, t: float, p: Array, m: Array, U: Array, V: Array, x: Array
-    ) -> None:
+    def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array, x: Array) -> None:
         """Start a step of length h [s] with its middle at t [s], from the pressures p [Pa], masses
         m [kg], energies U [J], volumes V [m³] and state variables x of openings, and choose the
-        weights θ of its flows: ½ is the middle, 1 the end.  `InputError`: the area of a valve is negative or not a number, or the
-        temperature of a wall is not positive."""
+        weights θ of its flows: ½ is the middle, 1 the end.  `InputError`: the area of a valve is
+        negative or not a number, or the temperature of a wall is not positive."""
         self.h = h
         self._length[0] = h
         for name, values in (("p0", p), ("m0", m), ("U0", U), ("V0", V), ("x0", x)):
@@ -585,9 +584,9 @@ class Balance:
         return self._result.copy()
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Return the derivatives (n + s + r, n + s + r) and (n + s + r, n) of the residual (energies
-        [J], masses [kg], then state variables) with respect to y and to V.  That with respect to W is the mean pressure on the
-        diagonal of the energy rows; the caller has it."""
+        """Return the derivatives (n + s + r, n + s + r) and (n + s + r, n) of the residual
+        (energies [J], masses [kg], then state variables) with respect to y and to V.  That with
+        respect to W is the mean pressure on the diagonal of the energy rows; the caller has it."""
         self._take(y, V, W)
         self._c.lib.gas_derivatives(*self._at, 0, self._c_by)
         self._raise_errors()
@@ -606,10 +605,11 @@ class Balance:
     # ---- gradients -------------------------------------------------------------------------------
 
     def all_derivatives(self, y: Array, V: Array, W: Array) -> dict[str, Array]:
-        """Return the derivatives of the residual by all quantities of a step, each
-        (n + s + r, ...), by their names: "y", "V", "W", "p0", "m0", "V0", "x0" of the start, "area"
-        of openings, "numbers" that are their parameters, "boundary" (b, 2) pressure [Pa] and
-        temperature [K] of the boundaries, and "wall" (w, 2) temperature [K] and size of walls.  U0 is that of p0, m0 and V0.  The first call is collective."""
+        """Return the derivatives of the residual by all quantities of a step, each (n + s + r,
+        ...), by their names: "y", "V", "W", "p0", "m0", "V0", "x0" of the start, "area" of
+        openings, "numbers" that are their parameters, "boundary" (b, 2) pressure [Pa] and
+        temperature [K] of the boundaries, and "wall" (w, 2) temperature [K] and size of walls.  U0
+        is that of p0, m0 and V0.  The first call is collective."""
         pointer = self._network.pointer
         if pointer.slopes == self._c.ffi.NULL:
             self._slope_laws = self._functions(

@@ -9,7 +9,7 @@ frozen dataclasses can have it as a field.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -168,6 +168,10 @@ class Opening(BringsScalarUnknowns, ABC):
     is_driven: ClassVar[bool] = False
     parameters: ClassVar[Mapping[str, str]] = {}
 
+    def requires(self) -> Iterable[Any]:
+        yield self.a
+        yield self.b
+
     @property
     def carried_gas(self) -> Gas | None:
         """The gas that flows, whatever the ends hold; None: that of the end from which it comes."""
@@ -176,7 +180,7 @@ class Opening(BringsScalarUnknowns, ABC):
     def aperture(self, geometry: Geometry) -> Aperture:
         """The effective area C_d A [m²] in a running scene, as a function of step length and time.
         An opening without an area returns its scale instead, which `flow` gets as `area`: one if it
-        has no method of its own."""
+        does not override this method."""
         return lambda h, t: 1.0
 
     @abstractmethod
@@ -212,8 +216,7 @@ class Switch(Opening):
 
 
 class DynamicOpening(Opening):
-    """An opening with state variables x that have an equation of motion, dx/dt = rates(p, T, x), as
-    the lift and speed of a valve's plate.
+    """An opening with state variables x, e.g. lift and speed of a plate, dx/dt = rates(p, T, x).
 
     They are fields of the opening: `flow` and `rates` read their present values, and a scene starts
     with those that are given.  They are unknowns of the gas balance: with pressures and
@@ -222,13 +225,37 @@ class DynamicOpening(Opening):
         x1 = x0 + h rates(p, T, x),     x = (x0 + x1)/2
 
     and x = x1 in the pseudo-steps of a search for rest.  The rule is of second order, and conserves
-    the energy of a linear oscillator; steps have to resolve the motion.  The energy balance is that of
-    the gas alone.  Its flow has the enthalpy upstream, so that it closes to round-off.  The kinetic
-    energy of moving parts, that of their springs, and the work of the gas on them are left out: those
-    of a plate of 10 g at 1 m/s are 5 mJ, of a litre of gas at 1 bar 250 J.
+    the energy of a linear oscillator; steps have to resolve the motion.
+
+    The energy balance is that of the gas alone, whose flow has the enthalpy upstream, so that it
+    closes to round-off.  The kinetic energy of moving parts, that of their springs, and the work of
+    the gas on them are left out: 5 mJ for a plate of 10 g at 1 m/s; a litre of gas at 1 bar has
+    250 J.
 
     Attributes:
         variables: names and units of the state variables.
+
+    Example:
+        A leak that opens as long as the pressure of a is higher:
+
+        >>> from dataclasses import dataclass
+        >>> @dataclass(frozen=True, eq=False)
+        ... class Crack(PassiveOpening, DynamicOpening):
+        ...     area: float = 1e-6
+        ...     growth: float = 1e-11
+        ...     variables = {"area": "m²"}
+        ...     parameters = {"growth": "m²/(Pa s)"}
+        ...
+        ...     def rates(self, p, T):
+        ...         return {"area": self.growth * positive_part(p[0] - p[1])}
+        ...
+        ...     def flux(self, gas, pu, Tu, pd):
+        ...         return self.area * isentropic_flow(gas, pu, Tu, pd, 1e-5)
+        >>> crack = Crack(tank, gx.gas.Ambient())
+        >>> run = gx.Simulation(gx.Scene(crack), gx.Midpoint(dt=0.01))
+        >>> run.run(until=0.1)
+        >>> crack.variable(run, "area") > 1e-6
+        True
     """
 
     variables: ClassVar[Mapping[str, str]]
@@ -243,8 +270,8 @@ class DynamicOpening(Opening):
         """
 
     def variable(self, run: HasSystem, name: str) -> float:
-        """A state variable at the end of the last step, for probes.  `InputError`: the opening is not
-        in the scene, or has none of that name."""
+        """A state variable at the end of the last step, for probes.  `InputError`: the opening is
+        not in the scene, or has no variable of that name."""
         check(
             name in self.variables,
             f"'{self.name}' has no state variable {name!r}; give one of {sorted(self.variables)}.",

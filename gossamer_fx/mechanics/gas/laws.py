@@ -51,9 +51,10 @@ def position_of(opening: Opening, name: str) -> int:
         if field == name:
             return first
         first += len(_numbers_in(value))
+    value = getattr(opening, name, None)
     raise InputError(
-        f"{type(opening).__name__} '{opening.name}': its '{name}' is {getattr(opening, name, None)!r}"
-        "; make it a field of the dataclass, and give a number."
+        f"{type(opening).__name__} '{opening.name}': its '{name}' is {value!r}; "
+        "make it a field of the dataclass, and give a number."
     )
 
 
@@ -82,7 +83,9 @@ def _values(item: Any) -> dict[str, Any]:
     if not is_dataclass(item):
         return {}
     # What gradients and states are of may be given as a whole number.
-    named = {*item.parameters, *_variables(item)} if isinstance(item, Opening) else set()
+    named: set[str] = set()
+    if isinstance(item, Opening):
+        named = {*item.parameters, *_variables(item)}
     values = {}
     for field in fields(item):
         value = getattr(item, field.name, None)
@@ -142,8 +145,8 @@ class GasAtEnd(Gas):
 
 
 class FlowLaw:
-    """The mass flow through an opening, and the rates of its state variables, as a law: of p, T, R, γ
-    and mass fractions at both ends, its effective area and its numbers.
+    """The mass flow through an opening, and the rates of its state variables, as a law: of p, T, R,
+    γ and mass fractions at both ends, its effective area and its numbers.
 
     Attributes:
         end_count: number of arguments for one end.

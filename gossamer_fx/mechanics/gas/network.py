@@ -408,7 +408,8 @@ class GasNetwork(ScalarUnknowns):
         for passage, flow in zip(self._passages, self.balance.flow_laws, strict=True):
             last = first + len(flow.variables)
             if passage.opening is opening:
-                return dict(zip(flow.variable_names, self.x[first:last].tolist(), strict=True))
+                values = [float(value) for value in self.x[first:last]]
+                return dict(zip(flow.variable_names, values, strict=True))
             first = last
         raise InputError(f"'{opening.name}' is not in the scene; add it.")
 

@@ -64,8 +64,7 @@ class Connection(Opening):
         )
 
     def requires(self) -> Iterable[Any]:
-        yield self.a
-        yield self.b
+        yield from super().requires()
         # A ring or the area of a film joins the scene with its film.
         if isinstance(self, Discharge) and isinstance(self.area, Ring | FilmArea):
             yield from self.area.requires()
@@ -115,7 +114,7 @@ def isentropic_flow(gas: Gas, pu: complex, Tu: complex, pd: complex, laminar: fl
     and the properties of the gas within each branch, so derivatives by complex steps are exact.
 
     Example:
-        >>> air = IdealGas(gamma=1.4, R=287.0)
+        >>> air = gx.IdealGas(gamma=1.4, R=287.0)
         >>> round(1e-6 * isentropic_flow(air, 2e5, 300.0, 0.0, 1e-5), 7)
         0.0004667
     """
