@@ -75,7 +75,7 @@ ptrdiff_t gas_work_length(const gas_network *net)
     const ptrdiff_t s = net->mass_count;
     const ptrdiff_t size = size_of(net);
     const ptrdiff_t states = (n + net->boundary_count) * state_size(net);
-    const ptrdiff_t solution = 6 * size + size * size + size * (size + n);
+    const ptrdiff_t solution = 7 * size + size * size + size * (size + n);
     return states + solution + law_length(net) + 2 * n + 2 * s + net->opening_count + 2;
 }
 
@@ -1246,13 +1246,15 @@ static int solve_linear(double *A, ptrdiff_t stride, double *b, ptrdiff_t size)
     return 1;
 }
 
-/* Set error (n + s + r) to the residual over the scale; returns its square. */
+/* Set error (n + s + r) to the residual over the scale; returns the square of the rows from `first`
+   to `last`. */
 static double scaled_residual(const gas_network *net, const double *y, const double *V,
-                              const double *W, const double *scale, double *error)
+                              const double *W, const double *scale, ptrdiff_t first, ptrdiff_t last,
+                              double *error)
 {
     double square = 0;
     gas_residual(net, y, V, W, error);
-    for (ptrdiff_t i = 0; i < size_of(net); ++i) {
+    for (ptrdiff_t i = first; i < last; ++i) {
         error[i] /= scale[i];
         square += error[i] * error[i];
     }
@@ -1284,8 +1286,9 @@ void gas_scales(const gas_network *net, const double *y, const double *V, const 
     add_all_variables(net, 0, y, NULL, NULL, 0, scale);
 }
 
-int gas_solve(const gas_network *net, double *y, const double *V, const double *W,
-              const double *magnitude)
+/* `gas_solve` of the equations from `first` to `last` for the same unknowns, the others held. */
+static int solve_rows(const gas_network *net, double *y, const double *V, const double *W,
+                      const double *magnitude, ptrdiff_t first, ptrdiff_t last)
 {
     const ptrdiff_t n = net->chamber_count;
     const ptrdiff_t s = net->mass_count;
@@ -1304,31 +1307,33 @@ int gas_solve(const gas_network *net, double *y, const double *V, const double *
     for (ptrdiff_t k = 0; k < n; ++k) scale[k] += *net->h * fabs(energy[k]);
     for (ptrdiff_t row = 0; row < s; ++row) scale[n + row] += *net->h * fabs(mass[row]);
     double square = 0;
-    for (ptrdiff_t i = 0; i < size; ++i) {
+    for (ptrdiff_t i = first; i < last; ++i) {
         error[i] /= scale[i];
         square += error[i] * error[i];
     }
+    memcpy(trial, y, (size_t)size * sizeof *y);
     for (ptrdiff_t iteration = 0; iteration < net->max_iterations; ++iteration) {
-        if (net->variable_count > 0) {
+        if (last > n + s) {
             /* The size of a state variable that starts at zero is that of the iterate. */
             set_states(net, y, V, 0);
             add_all_variables(net, 0, y, NULL, NULL, 0, scale);
-            square = scaled_residual(net, y, V, W, scale, error);
+            square = scaled_residual(net, y, V, W, scale, first, last, error);
         }
-        if (all_within(error, size, net->tolerance)) return 1;
+        if (all_within(error + first, last - first, net->tolerance)) return 1;
         gas_derivatives(net, y, V, W, 0, matrix);
-        for (ptrdiff_t row = 0; row < size; ++row) {
-            for (ptrdiff_t j = 0; j < size; ++j) matrix[row * stride + j] /= scale[row];
+        for (ptrdiff_t row = first; row < last; ++row) {
+            for (ptrdiff_t j = first; j < last; ++j) matrix[row * stride + j] /= scale[row];
             update[row] = error[row];
         }
-        if (!solve_linear(matrix, stride, update, size)) return 0;
+        if (!solve_linear(matrix + first * (stride + 1), stride, update + first, last - first))
+            return 0;
         const double square_before = square;
         double length = 1;
         for (ptrdiff_t halving = 0; halving < net->max_halvings; ++halving, length /= 2) {
-            for (ptrdiff_t i = 0; i < size; ++i) trial[i] = y[i] - length * update[i];
-            for (ptrdiff_t i = 0; i < n + s; ++i)
+            for (ptrdiff_t i = first; i < last; ++i) trial[i] = y[i] - length * update[i];
+            for (ptrdiff_t i = first; i < last && i < n + s; ++i)
                 trial[i] = fmax(trial[i], net->remaining * y[i]);
-            square = scaled_residual(net, trial, V, W, scale, error);
+            square = scaled_residual(net, trial, V, W, scale, first, last, error);
             if (square < square_before) break;
         }
         /* No trial is better: y is the solution to round-off, or the volumes are far off, and from
@@ -1337,5 +1342,22 @@ int gas_solve(const gas_network *net, double *y, const double *V, const double *
             return square_before <= net->acceptable * net->acceptable;
         memcpy(y, trial, (size_t)size * sizeof *y);
     }
-    return all_within(error, size, net->acceptable);
+    return all_within(error + first, last - first, net->acceptable);
+}
+
+int gas_solve(const gas_network *net, double *y, const double *V, const double *W,
+              const double *magnitude)
+{
+    const ptrdiff_t of_gas = net->chamber_count + net->mass_count;
+    const ptrdiff_t size = size_of(net);
+    if (net->variable_count == 0) return solve_rows(net, y, V, W, magnitude, 0, size);
+    double *guess = net->work + gas_work_length(net) - size;
+    memcpy(guess, y, (size_t)size * sizeof *y);
+    if (solve_rows(net, y, V, W, magnitude, 0, size)) return 1;
+    /* A valve that is closed at the guess and opens in the step: nothing flows there, whatever its
+       lift, so that the gas cannot be in balance nearby.  It is opened first. */
+    memcpy(y, guess, (size_t)size * sizeof *y);
+    solve_rows(net, y, V, W, magnitude, of_gas, size);
+    solve_rows(net, y, V, W, magnitude, 0, of_gas);
+    return solve_rows(net, y, V, W, magnitude, 0, size);
 }
