@@ -176,7 +176,7 @@ def test_a_restart_in_the_middle_of_the_unloading_curve_goes_on(folder: Path) ->
         assert abs(rest.energy_error) < 1e-12
 
 
-def test_gradients_and_cables_refuse_it_by_name() -> None:
+def test_gradients_of_equilibria_and_cables_refuse_it_by_name() -> None:
     film, cord = ribbon(CORD)
     statics = at_rest(film, cord, gx.Fixed(film, "left"), gx.Fixed(film, "right"))
     kinds = [

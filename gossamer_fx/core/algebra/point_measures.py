@@ -17,6 +17,7 @@ Sizes in this file:
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -148,8 +149,39 @@ def attach_all(
     return indices, P, offsets
 
 
+class Measure(ABC):
+    """Measures of n tuples of points: functions of a few vectors that are linear maps of the
+    unknowns.
+
+    Attributes:
+        ports: of each tuple; none if the measures are those of a mesh.
+    """
+
+    ports: Sequence[Ports]
+
+    @property
+    @abstractmethod
+    def kind(self) -> Any:
+        """Hashable key of the measures that may be one array."""
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """n."""
+
+    @property
+    @abstractmethod
+    def here(self) -> list[int]:
+        """Which of the tuples this rank evaluates, by index."""
+
+    @staticmethod
+    @abstractmethod
+    def arrays(numbering: Numbering, bodies: list[Body], measures: Sequence[Any]) -> PointMeasures:
+        """Measures of one kind as arrays."""
+
+
 @dataclass(frozen=True, eq=False)
-class PointMeasure:
+class PointMeasure(Measure):
     """Quadratic measures e_i = ½ X·H_i X + L_i·X + c_i of the stacked vectors X (3k,) of k ports.
 
     Args:
@@ -173,6 +205,24 @@ class PointMeasure:
     H: Array
     L: Array
     c: Array
+
+    @property
+    def kind(self) -> Any:
+        return self.H.shape, nodes_of(self)
+
+    @property
+    def count(self) -> int:
+        return len(self.ports)
+
+    @property
+    def here(self) -> list[int]:
+        return evaluated_here(self.ports)
+
+    @staticmethod
+    def arrays(
+        numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]
+    ) -> PointMeasures:
+        return PointMeasures(numbering, bodies, measures)
 
     def at(self, X: Array) -> Array:
         """e (m,) of the stacked vectors X (3k,) of one tuple, where `c` is (m,)."""

@@ -25,10 +25,18 @@ from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.core.model.body import Port
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import LineBetween
-from gossamer_fx.mechanics.connectors.spring import Stiffness, half_distance_squared, length_of
+from gossamer_fx.mechanics.connectors.spring import (
+    LENGTH,
+    STIFFNESS,
+    Stiffness,
+    half_distance_squared,
+    length_of,
+)
 from gossamer_fx.mechanics.terms.rows import Response, Rows, one_sided_average, positive_part
+
+BRAKE = Parameter("brake_force", "N", "brake")
 
 # [m] A reel that never gets empty
 ENDLESS = 1e100
@@ -153,6 +161,7 @@ class Tether(LineBetween):
                     "brake": self.brake_force,
                     "total_length": min(self.total_length, ENDLESS),
                 },
+                parameters=(STIFFNESS, LENGTH, BRAKE),
                 variables={"L": given},
                 needs_both_ends=True,
             )
@@ -169,4 +178,4 @@ class Tether(LineBetween):
             return length
 
         numbers = {"k": self.stiffness}
-        yield Rows(self.name, measure, driven_rope, numbers, driven={"L": course})
+        yield Rows(self.name, measure, driven_rope, numbers, (STIFFNESS,), driven={"L": course})

@@ -449,7 +449,7 @@ class Differentiable:
             is known, from forms, or zero.  Not, if the shape is measured when the scene is made.
     """
 
-    reversible: ClassVar[bool] = True
+    reversible: bool = True
     forces_are_forms: ClassVar[bool] = False
     has_shape_derivative: ClassVar[bool] = False
 

@@ -28,13 +28,13 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.point_measures import (
     Gather,
+    Measure,
     PointMeasure,
     PointMeasures,
     Ports,
     add_blocks,
     attach_all,
     evaluated_here,
-    nodes_of,
     refuse_ports_outside,
 )
 from gossamer_fx.core.checks.errors import check
@@ -150,6 +150,17 @@ class RowHistory(HistoryVariables):
         self.before[:] = np.array(state["before"])[self._here]
 
 
+@dataclass(frozen=True)
+class SlopesByState:
+    """Outputs (n, outputs) of a law of rows, and their derivatives by the strains at the start and
+    at the end of a step (n, outputs, m), and by history variables at its start (n, outputs, z)."""
+
+    outputs: Array
+    start: Array
+    end: Array
+    history: Array
+
+
 class LawOfRows:
     """A compiled law of rows, and where its inputs and outputs stand.  Collective.
 
@@ -201,7 +212,9 @@ class LawOfRows:
         self.energy, self.loss, self.supplied, self.excess = range(m, m + 4)
         self.next_history = slice(m + 4, m + 4 + variables)
         self._by_end = self._compile(self._names[self.end])
+        # Compiled for gradients
         self._by_number: Law | None = None
+        self._by_state: Law | None = None
 
     def _compile(self, by: Sequence[str]) -> Law:
         return compile_law(
@@ -244,6 +257,19 @@ class LawOfRows:
         outputs, m) by e1."""
         return self._by_end.of_rows(x, slopes=slopes)
 
+    def by_state(self, x: Any) -> SlopesByState:
+        """Derivatives by the strains at both ends and by history variables at the start.
+        Collective at the first call."""
+        if self._by_state is None:
+            self._by_state = self._compile(self._names[: self.history.stop])
+        outputs, slopes = self._by_state.of_rows(x)
+        return SlopesByState(
+            outputs=outputs,
+            start=slopes[:, :, self.start],
+            end=slopes[:, :, self.end],
+            history=slopes[:, :, self.history],
+        )
+
     def by_number(self, x: Any, name: str) -> Array:
         """Derivatives (n, outputs) by a number.  Collective at the first call."""
         scalars = [name for name, size in self._sizes.items() if size is None]
@@ -268,10 +294,14 @@ class Stencil:
         state: (n, z) history variables and driven numbers at the start, changed in place.
 
     Attributes:
+        advances_in_search: whether history variables change in each pseudo-step of a search for
+            rest, and not at its start alone.
         h: length [s] of the step, 1 s until it is set.
         e0: measures (n, m) at the start of the step, zero until `keep` sets it.
         driven: (n, d) driven numbers at the end of the step.
     """
+
+    advances_in_search: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -292,6 +322,15 @@ class Stencil:
         self._has_begun = False
         self._x = np.zeros((at.n, law.width))
         self._x[:, law.numbers] = numbers
+        self.e0: Array = np.zeros((at.n, law.m))
+        # Measures of the initial state, and the history variables that were given for it.
+        self._first_e: Array = self.e0
+        self._given: Array = np.zeros((at.n, law.variables))
+        # Stresses and their derivatives by the end of a step whose ends are exchanged.
+        self._exchanged: tuple[Array, Array] | None = None
+        # Of a backward pass: derivative (n, z) of the result by the history variables at the end of
+        # the present step, through later steps.
+        self.by_history: Array = np.zeros((at.n, law.variables))
         # Unknowns q1 (n, D), vectors (n, 3k), and stresses (n, m) with their derivatives (n, m, m)
         # of the last evaluation, for forces and tangent of one iterate.
         self._known: tuple[Array, Array, Array, Array] | None = None
@@ -304,34 +343,59 @@ class Stencil:
 
     def keep(self, q0: Array) -> None:
         """Start the next step from the unknowns q0 (n, D), at which the last one ended."""
-        if self.state.shape[1]:
-            self._advance(self.at.measure(self.at.vectors(q0)))
-        self.start_from(q0)
+        Y0 = self.at.vectors(q0)
+        e0 = self.measured(Y0)
+        if self._has_begun:
+            self._advance(e0)
+        else:
+            self._begin(e0)
+        self._start(Y0, e0)
 
     def start_from(self, q0: Array) -> None:
         """Set the unknowns q0 (n, D) at the start of a step, with the present history variables."""
-        self._Y0 = self.at.vectors(q0)
-        self.e0 = self.at.measure(self._Y0)
+        Y0 = self.at.vectors(q0)
+        self._start(Y0, self.measured(Y0))
+
+    def _start(self, Y0: Array, e0: Array) -> None:
+        """Set the vectors (n, 3k) and measures (n, m) at the start of a step."""
+        self._Y0 = Y0
+        self.e0 = e0
         self._known = None
+        self._exchanged = None
+
+    def measured(self, Y: Array) -> Array:
+        """Measures (n, m) of vectors Y (n, 3k)."""
+        return self.at.measure(Y)
+
+    def measured_at(self, q: Array) -> Array:
+        """Measures (n, m) at unknowns q (n, D)."""
+        return self.at.strain(q)
+
+    def _begin(self, e: Array) -> None:
+        """Set the history variables of the initial state e (n, m), as if it had been reached before
+        the run."""
+        law = self.law
+        self._has_begun = True
+        self._first_e = e
+        if law.variables:
+            self._given = self.state[:, : law.variables].copy()
+            self.state[:, : law.variables] = self.resting_history(e)
+            self.before[:] = self.state
 
     def _advance(self, e1: Array) -> None:
         """Set the history variables at the end e1 (n, m) of a step."""
         law = self.law
-        if not self._has_begun:
-            # As if the initial state had been reached before the run
-            self._has_begun = True
-            self.state[:, : law.variables] = self.resting_history(e1)
-            self.before[:] = self.state
+        if not self.state.shape[1]:
             return
         self.before[:] = self.state
-        # In a search for rest they change at its start only, not in its pseudo-steps.
-        if not self._rule.is_static:
+        # In a search for rest most change at its start only, not in its pseudo-steps.
+        if self.advances_in_search or not self._rule.is_static:
             self.state[:, : law.variables] = self._outputs(self.e0, e1)[:, law.next_history]
         self.state[:, law.variables :] = self.driven
 
     def begin_search(self) -> None:
         """Set the history variables of the accepted state, from which a search for rest starts."""
-        if self.law.variables:
+        if self.law.variables and not self.advances_in_search:
             self.state[:, : self.law.variables] = self.resting_history(self.e0)
 
     def resting_history(self, e: Array) -> Array:
@@ -380,8 +444,7 @@ class Stencil:
         # Y (n, 3k): the vectors of which the strains are made; S (n, m): their mean stresses.
         Y, S, _ = self._end(q1)
         on = _all_or_some(S.any(axis=1))
-        slope = self.at.slope(self._middle(Y, on), on)
-        forces_on_vectors = S[on][:, None] @ slope
+        forces_on_vectors = S[on][:, None] @ self._slope_of_step(Y, on)
         forces = self.at.forces(forces_on_vectors, on)[:, 0]
         # All rows have stress: nothing is to be scattered.
         if isinstance(on, slice):
@@ -419,15 +482,26 @@ class Stencil:
         # strains at the end; α: weight of the end in the configuration where forces act.
         Y, S, dS = self._end(q1)
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
-        slope_mid = self.at.slope(self._middle(Y, on), on)
+        slope_mid = self._slope_of_step(Y, on)
         # The slope of the strain of S by the vectors at the end.  Not that of De in S·De(q_mid), so
         # that the tangent is not symmetric, unless the rule takes the strain in the middle.
         slope: Array = self._rule.alpha * slope_mid
         if not self._takes_mid_strain:
             slope = self.at.slope(Y[on], on)
         material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope)
-        geometric = self._rule.alpha * self.at.geometric(S[on], on)
-        return material + geometric, on
+        return material + self._geometric(S, Y, on), on
+
+    def _slope_of_step(self, Y: Array, on: Any) -> Array:
+        """Derivatives De (r, m, 3k) of the measures by vectors, by which stresses act in a step to
+        the vectors Y (n, 3k), of the rows `on`; along a step they are the change of the measures.
+        """
+        return self.at.slope(self._middle(Y, on), on)
+
+    def _geometric(self, S: Array, Y: Array, on: Any) -> Array:
+        """Stiffness (r, 3k, 3k): stresses S (n, m) times the derivatives of `_slope_of_step` by the
+        vectors Y (n, 3k) at the end, of the rows `on`."""
+        stiffness: Array = self._rule.alpha * self.at.geometric(S[on], on)
+        return stiffness
 
     def _middle(self, Y: Array, on: Any) -> Array:
         """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`, from those Y
@@ -438,7 +512,7 @@ class Stencil:
     def _strain(self, Y: Array) -> Array:
         """Strains (n, m) that the rule takes, of the vectors Y (n, 3k) at the end of the step."""
         of_strain = self._middle(Y, slice(None)) if self._takes_mid_strain else Y
-        return self.at.measure(of_strain)
+        return self.measured(of_strain)
 
     def _end(self, q1: Array) -> tuple[Array, Array, Array]:
         """The k vectors (n, 3k) of which the strains are made at q1, and the mean stress (n, m) of
@@ -446,6 +520,8 @@ class Stencil:
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
             Y = self.at.vectors(q1)
+            if self._exchanged is not None:
+                return Y, *self._exchanged
             outputs, slopes = self.law(self._step_inputs(self._strain(Y)), slopes=True)
             m = self.law.m
             # Both strains of a mean are that of the end: each has half of the derivative.
@@ -457,7 +533,7 @@ class Stencil:
         """Mean stresses (n, m) of a step, and the measures (n, m) of the configuration in which
         they act."""
         Y, S, _ = self._end(q1)
-        return S, self.at.measure(self._middle(Y, slice(None)))
+        return S, self.measured(self._middle(Y, slice(None)))
 
     def energy(self) -> Array:
         """ψ (n,) at the start of the step."""
@@ -466,7 +542,7 @@ class Stencil:
 
     def of_step(self, q1: Array) -> Array:
         """Outputs (n, outputs) of the law for the step from its start to q1, whatever the rule."""
-        return self._outputs(self.e0, self.at.strain(q1))
+        return self._outputs(self.e0, self.measured_at(q1))
 
     def stress_slopes(self, q: Array) -> Array:
         """Derivatives (n, m, m) of the stresses of a state that stays at q (n, D) by its
@@ -474,7 +550,7 @@ class Stencil:
         # Of a damper there is no force at rest.
         if self.law.is_viscous:
             return np.zeros((self.at.n, self.law.m, self.law.m))
-        e = self.at.measure(self.at.vectors(q))
+        e = self.measured(self.at.vectors(q))
         _, slopes = self.law(self._inputs(e, e, (self.driven, self.driven)), slopes=True)
         # Both strains of a mean are that of the state: each has half of the derivative.
         found: Array = 2 * slopes[:, : self.law.m]
@@ -483,7 +559,7 @@ class Stencil:
     def stress_by_number(self, q: Array, name: str) -> Array:
         """Derivatives (n, m) of the stresses of a state that stays at q (n, D) by a number of the
         law."""
-        e = self.at.measure(self.at.vectors(q))
+        e = self.measured(self.at.vectors(q))
         return self.law.by_number(self._inputs(e, e), name)[:, : self.law.m]
 
     def force_by_number(self, q1: Array, name: str) -> Array:
@@ -491,13 +567,146 @@ class Stencil:
         Y = self.at.vectors(q1)
         by_number = self.law.by_number(self._step_inputs(self._strain(Y)), name)
         dS = by_number[:, : self.law.m]
-        forces: Array = self.at.forces(dS[:, None] @ self.at.slope(self._middle(Y, slice(None))))
-        return forces[:, 0]
+        return self._forces_of(dS, self._slope_of_step(Y, slice(None)))
 
     def energy_by_number(self, q1: Array, name: str) -> Array:
-        """∂ψ/∂number (n,) at the end of the step."""
-        e1 = self.at.strain(q1)
-        return self.law.by_number(self._inputs(e1, e1), name)[:, self.law.energy]
+        """∂ψ/∂number (n,) at the end of the step, at given history variables."""
+        e1 = self.measured_at(q1)
+        x = self._inputs(e1, e1)
+        slopes = self.law.by_number(x, name)
+        found = slopes[:, self.law.energy]
+        if self.law.variables:
+            by_history = self._energy_slopes(x)
+            found = found - np.sum(by_history * slopes[:, self.law.next_history], axis=1)
+        return found
+
+    # ---- gradients through history variables -----------------------------------------------------
+
+    @property
+    def has_state(self) -> bool:
+        """Whether its forces depend on more than the strains: history variables, driven numbers."""
+        return self.state.shape[1] > 0
+
+    @property
+    def has_history(self) -> bool:
+        """Whether its state does not follow from the unknowns alone."""
+        return self.has_state
+
+    def exchange(self, q0: Array) -> None:
+        """Let the present step, which ends at q0 (n, D), run backwards.  With history variables the
+        stress of the way back is another one: that of the step is stored, with its derivative by
+        the start."""
+        if not self.has_state:
+            self.start_from(q0)
+            return
+        slopes = self._slopes_of_step(q0)
+        m = self.law.m
+        self.start_from(q0)
+        self._exchanged = slopes.outputs[:, :m], slopes.start[:, :m]
+
+    def _slopes_of_step(self, q1: Array) -> SlopesByState:
+        """Of the step from its start to q1 (n, D), by a rule that conserves energy."""
+        return self.law.by_state(self._inputs(self.e0, self.measured(self.at.vectors(q1))))
+
+    def _forces_of(self, stresses: Array, slope: Array) -> Array:
+        """Forces (n, D) of stresses (n, m) by slopes (n, m, 3k) of measures."""
+        forces: Array = self.at.forces(stresses[:, None] @ slope)
+        return forces[:, 0]
+
+    def energy_by_history(self) -> Array:
+        """Derivatives (n, z) of the energies at the start of the step by history variables."""
+        driven = self.state[:, self.law.variables :]
+        return self._energy_slopes(self._inputs(self.e0, self.e0, (driven, driven)))
+
+    def _energy_slopes(self, x: Array) -> Array:
+        """∂ψ/∂z (n, z) of states, whose inputs x have the same measures at both ends.
+
+        The law has the energy E = ψ(e, z1) of the history variables z1 that it sets.  A state that
+        has slipped is at the limit, and by round-off on either side of it, so that z1 follows z or
+        e.  The derivatives of E and z1 give ∂ψ/∂z on both sides, as ∂ψ/∂e is the stress S:
+
+            ∂ψ/∂z ∂z1/∂z = ∂E/∂z,    ∂ψ/∂z ∂z1/∂e = ∂E/∂e - S
+        """
+        law = self.law
+        slopes = law.by_state(x)
+        by_e = slopes.start + slopes.end
+        energies = np.concatenate(
+            [slopes.history[:, law.energy], by_e[:, law.energy] - slopes.outputs[:, : law.m]],
+            axis=1,
+        )
+        variables = np.concatenate(
+            [slopes.history[:, law.next_history], by_e[:, law.next_history]], axis=2
+        )
+        found: Array = (energies[:, None] @ np.linalg.pinv(variables))[:, 0]
+        return found
+
+    def end_products(self, q1: Array) -> Array:
+        """Derivative (n, D) of later steps by the end q1 (n, D) of a step, through the history
+        variables that it sets."""
+        slopes = self._slopes_of_step(q1)
+        by_end = np.einsum("nz,nzm->nm", self.by_history, slopes.end[:, self.law.next_history])
+        return self._forces_of(by_end, self.at.slope(self.at.vectors(q1)))
+
+    def start_products(self, q1: Array) -> Array:
+        """The same by the start of the step."""
+        slopes = self._slopes_of_step(q1)
+        by_start = np.einsum("nz,nzm->nm", self.by_history, slopes.start[:, self.law.next_history])
+        return self._forces_of(by_start, self.at.slope(self._Y0))
+
+    def by_history_at_start(self, q1: Array, μ: Array) -> Array:
+        """Derivative (n, z) of the result by the history variables at the start of a step to q1
+        (n, D), which has the adjoint vector μ (n, D)."""
+        slopes = self._slopes_of_step(q1)
+        through_later = np.einsum(
+            "ni,nij->nj", self.by_history, slopes.history[:, self.law.next_history]
+        )
+        slope = self.at.forces(self._slope_of_step(self.at.vectors(q1), slice(None)))
+        works = (slope @ μ[..., None])[..., 0]
+        return through_later - np.einsum("nm,nmz->nz", works, slopes.history[:, : self.law.m])
+
+    def history_by_number(self, q1: Array, name: str) -> Array:
+        """Derivatives (n, z) of the history variables at the end of a step to q1 (n, D) by a number
+        of the law."""
+        x = self._inputs(self.e0, self.measured(self.at.vectors(q1)))
+        return self.law.by_number(x, name)[:, self.law.next_history]
+
+    def _inputs_at_first(self) -> Array:
+        """Inputs of the law by which the initial state has set the history variables."""
+        x = self._inputs(self._first_e, self._first_e, None, 0.0)
+        x[:, self.law.history] = self._given
+        return x
+
+    def first_by_given(self, variable: int) -> Array:
+        """Derivatives (n, z) of the history variables of the initial state by the given value of
+        one."""
+        return self.law.by_state(self._inputs_at_first()).history[
+            :, self.law.next_history, variable
+        ]
+
+    def first_by_number(self, name: str) -> Array:
+        """The same by a number of the law."""
+        return self.law.by_number(self._inputs_at_first(), name)[:, self.law.next_history]
+
+    def first_products(self, q: Array) -> Array:
+        """Derivative (n, D) of the steps by the initial unknowns q (n, D), through the history
+        variables that the initial state has set; zero of rows that have moved since."""
+        slopes = self.law.by_state(self._inputs_at_first())
+        rows = self.law.next_history
+        both = slopes.start[:, rows] + slopes.end[:, rows]
+        by_first = np.einsum("nz,nzm->nm", self.by_history, both)
+        by_first[(self.e0 != self._first_e).any(axis=1)] = 0
+        return self._forces_of(by_first, self.at.slope(self.at.vectors(q)))
+
+    def present(self) -> tuple[Array, Array]:
+        """Measures (n, m) and history variables with driven numbers (n, z) at the start of the
+        step, which do not change."""
+        return self.e0.copy(), self.state.copy()
+
+    def set_present(self, present: tuple[Array, Array]) -> None:
+        """Restore `present`, at the same unknowns."""
+        e0, state = present
+        self.state[:] = state
+        self._start(self._Y0, e0.copy())
 
     def set_number(self, name: str, value: float, rows: slice) -> None:
         """Give a number of the law a value in some rows."""
@@ -513,14 +722,14 @@ def _all_or_some(on: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class _Group:
+class RowGroup:
     """Terms of one law as one array: a thousand ropes cost little more than one.
 
     Attributes:
         terms: with consecutive rows of the stencil each, `rows`.
     """
 
-    terms: Sequence[Rows]
+    terms: Sequence[RowsOf[Any]]
     rows: Sequence[slice]
     stencil: Stencil
 
@@ -529,11 +738,11 @@ class _Group:
         return np.bincount(self.stencil.at.owner, values, len(self.terms)).astype(float)
 
 
-def _group(terms: Sequence[Rows], system: Assembly) -> _Group:
+def _group(terms: Sequence[RowsOf[Any]], kind: type[Stencil], system: Assembly) -> RowGroup:
     """Compile terms of one law.  Collective."""
     first = terms[0]
     measures = [term.measure for term in terms]
-    at = PointMeasures(system.numbering, system.bodies, measures)
+    at = first.measure.arrays(system.numbering, system.bodies, measures)
     law = LawOfRows(
         first.law,
         at.m,
@@ -545,30 +754,36 @@ def _group(terms: Sequence[Rows], system: Assembly) -> _Group:
     )
     numbers = np.zeros((at.n, law.numbers.stop - law.numbers.start))
     history = np.zeros((at.n, law.variables + law.driven_count))
-    stencil = Stencil(at, law, numbers, system.rule, history)
+    stencil = kind(at, law, numbers, system.rule, history)
     ends = np.searchsorted(at.owner, np.arange(len(terms) + 1))
     rows = [slice(int(start), int(end)) for start, end in pairwise(ends)]
     for term, of_term in zip(terms, rows, strict=True):
         stencil.numbers[of_term] = term.numbers_here()
-        if term.history is not None:
+        if term.history is None:
+            history[of_term] = list(term.variables.values())
+        else:
             # From now on they are parts of the arrays of the group.
             history[of_term] = term.history.present
             stencil.before[of_term] = term.history.before
             term.history.present = history[of_term]
             term.history.before = stencil.before[of_term]
     stencil.driven[:] = history[:, law.variables :]
-    return _Group(terms, rows, stencil)
+    return RowGroup(terms, rows, stencil)
 
 
-class CompiledRows(Differentiable, CompiledTerms["Rows"]):
-    """All `Rows` of a scene.
+class RowTerms(Differentiable, CompiledTerms["RowsOf[Any]"]):
+    """All rows of one kind of measures of a scene.
+
+    Attributes:
+        stencil_type: evaluates the terms of one law.
 
     Methods without a text here are described in `terms.assembly`.
     """
 
     has_shape_derivative = True
+    stencil_type: ClassVar[type[Stencil]] = Stencil
 
-    def __init__(self, terms: Sequence[Rows], system: Assembly) -> None:
+    def __init__(self, terms: Sequence[RowsOf[Any]], system: Assembly) -> None:
         tuples = [(term.name, term.measure.ports) for term in terms]
         refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
@@ -579,10 +794,11 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
                 f"'{term.name}': its law has forces by the strains at the ends of a step; "
                 "run its scene with Midpoint.",
             )
-        alike: dict[Any, list[Rows]] = {}
+        alike: dict[Any, list[RowsOf[Any]]] = {}
         for term in terms:
             alike.setdefault(term.kind, []).append(term)
-        self._groups = [_group(of_kind, system) for of_kind in alike.values()]
+        self._groups = [_group(of_kind, self.stencil_type, system) for of_kind in alike.values()]
+        self.reversible = not any(group.stencil.has_state for group in self._groups)
         self.losses = [
             term.name for group in self._groups for term in group.terms if term.dissipates
         ]
@@ -615,7 +831,7 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
     def inadmissible(self) -> str:
         if not any(term.range for term in self._terms):
             return ""
-        problems: list[Rows] = []
+        problems: list[RowsOf[Any]] = []
         for group, q in self._at_end():
             if group.terms[0].range:
                 excess = group.stencil.of_step(q)[:, group.stencil.law.excess]
@@ -625,13 +841,14 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
         first = min(filter(None, self._system.comm.allgather(first_here)), default="")
         return first and f"{first}, beyond which its moment would jump"
 
-    def _at_end(self) -> Iterator[tuple[_Group, Array]]:
+    def _at_end(self) -> Iterator[tuple[RowGroup, Array]]:
         """Each group with its unknowns (n, D) at the end of the step.  Collective."""
         if self._ends is None:
             self._ends = self._gather(self._system.q1)
         return zip(self._groups, self._ends, strict=True)
 
     def commit(self) -> None:
+        self._ends = None
         for group, q in zip(self._groups, self._gather(self._system.q0), strict=True):
             group.stencil.keep(q)
 
@@ -675,6 +892,209 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
             if group.terms[0].driven:
                 total += float(group.stencil.of_step(q)[:, group.stencil.law.supplied].sum())
         return total
+
+    # ---- sensitivities ---------------------------------------------------------------------------
+
+    def get_number(self, term: RowsOf[Any], key: str) -> Array:
+        given = term.variables[key] if key in term.variables else term.numbers[key]
+        return np.atleast_1d(self._numbers.get((id(term), key), given))
+
+    def set_number(self, term: RowsOf[Any], key: str, value: Array) -> None:
+        group, rows = self._find(term)
+        self._numbers[id(term), key] = float(value[0])
+        if key in term.variables:
+            group.stencil.state[rows, list(term.variables).index(key)] = value[0]
+        else:
+            group.stencil.set_number(key, float(value[0]), rows)
+
+    def work_by_number(self, term: RowsOf[Any], key: str, w: PETSc.Vec) -> Array:
+        """See `Differentiable`; the caller subtracts it.
+
+        Numbers act through the history variables that the step sets, too, and through those of the
+        initial state.  The latter is the derivative by these at the start of the first step, which
+        is summed up as what it falls in each step, from that at the end of the last one
+        (`energy_by_number`).
+        """
+        group, rows = self._find(term)
+        k = self._groups.index(group)
+        q = [q for _, q in self._at_end()][k]
+        of_rows = self._gather(w)[k]
+        stencil = group.stencil
+        works = np.zeros(stencil.at.n)
+        if key in term.numbers:
+            works += np.sum(stencil.force_by_number(q, key) * of_rows, axis=1)
+        if term.variables:
+            fall = stencil.by_history - stencil.by_history_at_start(q, of_rows)
+            works += np.sum(fall * self._first_by(term, key, stencil), axis=1)
+            if key in term.numbers:
+                by_number = stencil.history_by_number(q, key)
+                works -= np.sum(stencil.by_history * by_number, axis=1)
+        return np.array([works[rows].sum()])
+
+    def energy_by_number(self, term: RowsOf[Any], key: str) -> Array:
+        group, rows = self._find(term)
+        stencil = group.stencil
+        q = [q for _, q in self._at_end()][self._groups.index(group)]
+        energies = np.zeros(stencil.at.n)
+        if key in term.numbers:
+            energies += stencil.energy_by_number(q, key)
+        if term.variables:
+            first = self._first_by(term, key, stencil)
+            energies += np.sum(stencil.energy_by_history() * first, axis=1)
+        return np.array([energies[rows].sum()])
+
+    def _first_by(self, term: RowsOf[Any], key: str, stencil: Stencil) -> Array:
+        """Derivatives (n, z) of the history variables of the initial state by a number of the law
+        or the given value of a history variable."""
+        if key in term.variables:
+            return stencil.first_by_given(list(term.variables).index(key))
+        return stencil.first_by_number(key)
+
+    def _find(self, term: RowsOf[Any]) -> tuple[RowGroup, slice]:
+        """The group of a term, and its rows in it."""
+        for group in self._groups:
+            for known, rows in zip(group.terms, group.rows, strict=True):
+                if known is term:
+                    return group, rows
+        raise ValueError(f"'{term.name}' is not in this scene")
+
+    def without_gradient(self) -> str:
+        # In a run history variables are differentiated, too.
+        if not self._system.rule.is_static:
+            return ""
+        for term in self._terms:
+            if term.variables or term.driven:
+                return (
+                    f"'{term.name}' has a history or a number that is given over time, so that "
+                    "its force depends on the path; give it a law without"
+                )
+        return ""
+
+    def gradient_notes(self) -> list[str]:
+        return [
+            f"'{term.name}' has a history, which is piecewise smooth: "
+            "the gradient is that of what slips in this run"
+            for term in self._terms
+            if term.variables
+        ]
+
+    # ---- a backward pass over the steps of a run -------------------------------------------------
+
+    def exchange_ends(self) -> None:
+        self._ends = None
+        for group, q in zip(self._groups, self._gather(self._system.q0), strict=True):
+            group.stencil.exchange(q)
+
+    def start_adjoint(self) -> None:
+        for group in self._groups:
+            group.stencil.by_history = np.zeros_like(group.stencil.by_history)
+
+    def add_energy_by_history(self, share: float) -> None:
+        for group in self._groups:
+            if group.stencil.law.variables:
+                by_history = share * group.stencil.energy_by_history()
+                group.stencil.by_history = group.stencil.by_history + by_history
+
+    def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
+        self._add_products(by_position, Stencil.end_products)
+
+    def add_initial_derivatives(self, by_position: PETSc.Vec) -> None:
+        self._add_products(by_position, Stencil.first_products)
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        # The caller subtracts them.
+        self._add_products(by_position, Stencil.start_products, sign=-1.0)
+        of_rows = self._gather(μ)
+        for k, (group, q) in enumerate(self._at_end()):
+            if group.stencil.law.variables:
+                group.stencil.by_history = group.stencil.by_history_at_start(q, of_rows[k])
+
+    def _add_products(
+        self,
+        vector: PETSc.Vec,
+        products: Callable[[Stencil, Array], Array],
+        *,
+        sign: float = 1.0,
+    ) -> None:
+        """Add products (n, D) of each stencil with history variables, a function of its unknowns at
+        the end of the step, to a vector.  Collective."""
+        for group, q in self._at_end():
+            stencil = group.stencil
+            if stencil.law.variables:
+                values = sign * products(stencil, q).ravel()
+                indices = stencil.at.indices.ravel()
+                vector.setValues(indices, values, addv=PETSc.InsertMode.ADD_VALUES)
+        vector.assemble()
+
+    def save_history(self) -> list[tuple[Array, Array]]:
+        return [group.stencil.present() for group in self._groups if group.stencil.has_history]
+
+    def load_history(self, saved: list[tuple[Array, Array]]) -> None:
+        with_history = [group for group in self._groups if group.stencil.has_history]
+        for group, present in zip(with_history, saved, strict=True):
+            group.stencil.set_present(present)
+
+
+@dataclass(frozen=True, eq=False)
+class RowsOf[M: Measure]:
+    """Rows of a kind of measures; see `Rows` for the arguments."""
+
+    name: str
+    measure: M
+    law: RowLaw
+    numbers: Mapping[str, float | Array] = field(default_factory=dict)
+    parameters: tuple[Parameter, ...] = ()
+    variables: Mapping[str, float | Array] = field(default_factory=dict)
+    driven: Mapping[str, Callable[[float], float]] = field(default_factory=dict)
+    is_viscous: bool = False
+    stores: bool = True
+    needs_both_ends: bool = False
+    range: str = ""
+    history: RowHistory | None = field(init=False, default=None)
+    compiler: ClassVar[Compiler] = RowTerms
+
+    def __post_init__(self) -> None:
+        if self.variables or self.driven:
+            history = RowHistory(self.measure.ports, self.variables, self.driven)
+            object.__setattr__(self, "history", history)
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether it may lose energy."""
+        return self.is_viscous or bool(self.variables)
+
+    @property
+    def sizes(self) -> dict[str, int | None]:
+        """The names of the numbers, with None for one number and k for a vector."""
+        sizes: dict[str, int | None] = {}
+        for name, value in self.numbers.items():
+            sizes[name] = np.shape(value)[1] if np.ndim(value) == 2 else None
+        return sizes
+
+    @property
+    def kind(self) -> Any:
+        """Hashable key of the terms that are evaluated as one array."""
+        names = (tuple(self.sizes.items()), tuple(self.variables), tuple(self.driven))
+        flags = (self.is_viscous, self.stores, self.needs_both_ends, self.range)
+        return self.law, names, flags, self.measure.kind
+
+    def numbers_here(self) -> Array:
+        """Numbers (n, numbers) of the tuples that this rank evaluates."""
+        here = self.measure.here
+        count = self.measure.count
+        columns: list[Array] = [np.zeros((len(here), 0))]
+        for value in self.numbers.values():
+            column = np.asarray(value, dtype=float)
+            if column.ndim < 2:
+                column = np.broadcast_to(column, count)[:, None]
+            columns.append(np.broadcast_to(column, (count, column.shape[1]))[here])
+        return np.hstack(columns)
+
+
+class CompiledRows(RowTerms):
+    """All `Rows` between ports of a scene."""
 
     def stresses(
         self, term: Rows, rule: StressRule, *, at_start: bool = False
@@ -739,48 +1159,9 @@ class CompiledRows(Differentiable, CompiledTerms["Rows"]):
             present = group.stencil.resting_history(group.stencil.e0)
         return term.history.all_tuples(present[rows])
 
-    # ---- sensitivities ---------------------------------------------------------------------------
-
-    def get_number(self, term: Rows, key: str) -> Array:
-        return np.atleast_1d(self._numbers.get((id(term), key), term.numbers[key]))
-
-    def set_number(self, term: Rows, key: str, value: Array) -> None:
-        group, rows = self._find(term)
-        self._numbers[id(term), key] = float(value[0])
-        group.stencil.set_number(key, float(value[0]), rows)
-
-    def work_by_number(self, term: Rows, key: str, w: PETSc.Vec) -> Array:
-        group, rows = self._find(term)
-        k = self._groups.index(group)
-        q = [q for _, q in self._at_end()][k]
-        forces = group.stencil.force_by_number(q, key)
-        return np.array([np.sum(forces * self._gather(w)[k], axis=1)[rows].sum()])
-
-    def energy_by_number(self, term: Rows, key: str) -> Array:
-        group, rows = self._find(term)
-        q = [q for _, q in self._at_end()][self._groups.index(group)]
-        return np.array([group.stencil.energy_by_number(q, key)[rows].sum()])
-
-    def _find(self, term: Rows) -> tuple[_Group, slice]:
-        """The group of a term, and its rows in it."""
-        for group in self._groups:
-            for known, rows in zip(group.terms, group.rows, strict=True):
-                if known is term:
-                    return group, rows
-        raise ValueError(f"'{term.name}' is not in this scene")
-
-    def without_gradient(self) -> str:
-        for term in self._terms:
-            if term.history is not None:
-                return (
-                    f"'{term.name}' has a history or a number that is given over time, so that "
-                    "its force depends on the path; give it a law without"
-                )
-        return ""
-
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Rows(RowsOf[PointMeasure]):
     """What acts between ports by a law of their measures, see the module.
 
     Args:
@@ -817,56 +1198,7 @@ class Rows:
         'spring'
     """
 
-    name: str
-    measure: PointMeasure
-    law: RowLaw
-    numbers: Mapping[str, float | Array] = field(default_factory=dict)
-    parameters: tuple[Parameter, ...] = ()
-    variables: Mapping[str, float | Array] = field(default_factory=dict)
-    driven: Mapping[str, Callable[[float], float]] = field(default_factory=dict)
-    is_viscous: bool = False
-    stores: bool = True
-    needs_both_ends: bool = False
-    range: str = ""
-    history: RowHistory | None = field(init=False, default=None)
     compiler: ClassVar[Compiler] = CompiledRows
-
-    def __post_init__(self) -> None:
-        if self.variables or self.driven:
-            history = RowHistory(self.measure.ports, self.variables, self.driven)
-            object.__setattr__(self, "history", history)
-
-    @property
-    def dissipates(self) -> bool:
-        """Whether it may lose energy."""
-        return self.is_viscous or bool(self.variables)
-
-    @property
-    def sizes(self) -> dict[str, int | None]:
-        """The names of the numbers, with None for one number and k for a vector."""
-        sizes: dict[str, int | None] = {}
-        for name, value in self.numbers.items():
-            sizes[name] = np.shape(value)[1] if np.ndim(value) == 2 else None
-        return sizes
-
-    @property
-    def kind(self) -> Any:
-        """Hashable key of the terms that are evaluated as one array."""
-        names = (tuple(self.sizes.items()), tuple(self.variables), tuple(self.driven))
-        flags = (self.is_viscous, self.stores, self.needs_both_ends, self.range)
-        return self.law, names, flags, self.measure.H.shape, nodes_of(self.measure)
-
-    def numbers_here(self) -> Array:
-        """Numbers (n, numbers) of the tuples that this rank evaluates."""
-        here = evaluated_here(self.measure.ports)
-        count = len(self.measure.ports)
-        columns: list[Array] = [np.zeros((len(here), 0))]
-        for value in self.numbers.values():
-            column = np.asarray(value, dtype=float)
-            if column.ndim < 2:
-                column = np.broadcast_to(column, count)[:, None]
-            columns.append(np.broadcast_to(column, (count, column.shape[1]))[here])
-        return np.hstack(columns)
 
 
 # ---- kinetic energy of attached vectors ----------------------------------------------------------
