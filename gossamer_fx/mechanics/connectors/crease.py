@@ -21,7 +21,13 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.plate import Plate
-from gossamer_fx.mechanics.connectors.crease_energies import CreaseEnergy
+from gossamer_fx.mechanics.connectors.crease_energies import (
+    PARAMETERS,
+    CreaseEnergy,
+    FoldMeasure,
+    elastic_fold,
+    yielding_fold,
+)
 
 # Signs of the angle of a fold.
 VALLEY = 1
@@ -204,27 +210,26 @@ class Crease(OnBody):
         edge_names = np.repeat(np.sort(numbers, axis=1), g, axis=0)
         names = np.concatenate([edge_names, order.reshape(-1, 1)], axis=1)
 
-        slip = math.inf
-        if self.yield_angle is not None:
-            slip = self.yield_angle
         shut = VALLEY
         if self.rest_angle < 0:
             shut = MOUNTAIN
         if self.initial_fold is not None:
             shut = self.initial_fold
-        return CreaseEnergy(
-            name=self.name,
+        measure = FoldMeasure(
             body=self.body,
             nodes=np.repeat(nodes, g, axis=0),
             cells=np.repeat(cells, g, axis=0),
             maps=maps.reshape(-1, *maps.shape[2:]),
-            stiffness=(self.stiffness * length[:, None] * weights).ravel(),
-            rest=self.rest_angle,
-            slip=slip,
             shut=shut,
             names=names.astype(np.int64),
-            moment_per_angle=self.stiffness,
         )
+        numbers = {"stiffness": self.stiffness, "length": (length[:, None] * weights).ravel()}
+        if self.yield_angle is None:
+            numbers["rest"] = self.rest_angle
+            return CreaseEnergy(self.name, measure, elastic_fold, numbers, PARAMETERS)
+        numbers["yield_angle"] = self.yield_angle
+        rest = {"rest": self.rest_angle}
+        return CreaseEnergy(self.name, measure, yielding_fold, numbers, PARAMETERS, rest)
 
     def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
         """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of n triangles, at g

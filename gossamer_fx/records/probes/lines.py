@@ -236,7 +236,7 @@ class FoldAngle:
         """The compiled creases of a scene with this one; `InputError` if it is not among them."""
         energy = self.crease.energy
         for creases in system.equations.compiled_as(CreaseEnergies):
-            if any(term is energy for term in creases.terms):
+            if creases.has(energy):
                 return creases
         raise InputError(f"'{self.crease.name}' is not in the scene; add it, or remove its probe.")
 
