@@ -156,7 +156,7 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
         gossamer_fx.core.checks.errors.InputError: area: width is 'wide'; give a number.
     """
     if isinstance(thing, type):
-        thing.__init__ = _checking(thing.__init__)  # type: ignore[misc]
+        thing.__init__ = _checking(thing.__init__, thing)  # type: ignore[misc]
         call = next(
             (vars(base)["__call__"] for base in thing.__mro__ if "__call__" in vars(base)), None
         )
@@ -174,8 +174,8 @@ def collective[T: Callable[..., Any]](function: T) -> T:
     return function
 
 
-def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function so that a call whose arguments are missing, unknown or not of the types in
+def _checking(function: Callable[..., Any], owner: type | None = None) -> Callable[..., Any]:
+    """Wrap a function, or the constructor of the class `owner`, so that a call whose arguments are missing, unknown or not of the types in
     its signature raises `InputError`, with one sentence that names the argument, its value and what
     to give.  Defaults are not checked."""
 
@@ -187,7 +187,7 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.cache
     def kind(argument: str) -> Kind | None:
-        return kind_of(resolved(function, argument))
+        return kind_of(resolved(function, argument, owner))
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -296,23 +296,25 @@ def _wrong_call(
 # ---- annotations -------------------------------------------------------------------------------
 
 
-def resolved(function: Callable[..., Any], argument: str) -> Any:
-    """The annotation of an argument of a function, as a type.  Where a module imports `annotations`
+def resolved(function: Callable[..., Any], argument: str, owner: type | None = None) -> Any:
+    """The annotation of an argument of a function, or of the constructor of the class `owner`, as a
+    type.  Where a module imports `annotations`
     from `__future__` it is text; names that the module imports for type checkers only are imported
     now."""
     annotation = inspect.signature(function).parameters[argument].annotation
     if not isinstance(annotation, str):
         return annotation
-    module = _module_of(function, argument)
+    module = _module_of(function, argument, owner)
     return eval(annotation, vars(module), _TypeCheckingNames(module))
 
 
-def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
+def _module_of(function: Callable[..., Any], argument: str, owner: type | None) -> types.ModuleType:
     """The module in which the annotation of an argument was written: that of the function, but for
-    the constructor of a dataclass, which takes fields, with their annotations, from base classes of
-    other modules."""
+    the constructor of a dataclass, the `owner` or else the class of its name, which takes fields,
+    with their annotations, from base classes of other modules."""
     module = sys.modules[function.__module__]
-    owner = vars(module).get(function.__qualname__.split(".")[0])
+    # A program that another one executes has its classes in no module.
+    owner = owner or vars(module).get(function.__qualname__.split(".")[0])
     is_constructor = function.__name__ == "__init__"
     if is_constructor and isinstance(owner, type) and "__dataclass_params__" in vars(owner):
         for base in owner.__mro__:
