@@ -175,9 +175,9 @@ def collective[T: Callable[..., Any]](function: T) -> T:
 
 
 def _checking(function: Callable[..., Any], owner: type | None = None) -> Callable[..., Any]:
-    """Wrap a function, or the constructor of the class `owner`, so that a call whose arguments are missing, unknown or not of the types in
-    its signature raises `InputError`, with one sentence that names the argument, its value and what
-    to give.  Defaults are not checked."""
+    """Wrap a function, or the constructor of the class `owner`, so that a call whose arguments are
+    missing, unknown or not of the types in its signature raises `InputError`, with one sentence
+    that names the argument, its value and what to give.  Defaults are not checked."""
 
     # Signature and annotations are looked at in the first call: most of the classes that a scene
     # imports are never called, and an annotation may name a class that is defined further below.
@@ -298,9 +298,8 @@ def _wrong_call(
 
 def resolved(function: Callable[..., Any], argument: str, owner: type | None = None) -> Any:
     """The annotation of an argument of a function, or of the constructor of the class `owner`, as a
-    type.  Where a module imports `annotations`
-    from `__future__` it is text; names that the module imports for type checkers only are imported
-    now."""
+    type.  Where a module imports `annotations` from `__future__` it is text; names that the module
+    imports for type checkers only are imported now."""
     annotation = inspect.signature(function).parameters[argument].annotation
     if not isinstance(annotation, str):
         return annotation
