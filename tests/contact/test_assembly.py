@@ -9,6 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx as gx
+from gossamer_fx.mechanics.contact import assembly
 from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 from gossamer_fx.solve.system.tangent import BlockSum, Tangent
 from tests.bodies.spectrum import dense
@@ -173,3 +174,13 @@ def test_the_matrix_of_the_films_keeps_its_pattern(comm) -> None:
     run.run(until=1.2e-3)
     assert run.system.matrices.A.getInfo()["nz_used"] == entries
     assert run.system.unknowns.M.getInfo()["nz_used"] == entries
+
+
+def test_blocks_in_scalar_rows_have_their_entries_row_by_row():
+    """Two blocks next to each other, of the columns 0 and 6, and one below them, of the column
+    3."""
+    columns, order = assembly._unrolled(np.array([0, 6, 3]), np.array([0, 2]), np.array([2, 1]))
+    entries = np.arange(27).reshape(3, 3, 3)
+    above = np.hstack([entries[0], entries[1]])
+    assert order.tolist() == [*above.ravel(), *entries[2].ravel()]
+    assert columns.tolist() == [0, 1, 2, 6, 7, 8] * 3 + [3, 4, 5] * 3
