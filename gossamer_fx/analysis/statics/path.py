@@ -396,22 +396,18 @@ class _LoadFactor(ExtraUnknown):
         along = float(self._system.comm.allreduce(float(self.row @ w.array_r)))
         return (along + self.weight * (value - self.predicted)) / self.scale
 
-    def border(self, w: PETSc.Vec, y: Array, linearisation_point: PETSc.Vec) -> Border:
-        return self._border(w, y, linearisation_point)
-
     def border_at_point(self, w: PETSc.Vec, y: Array) -> Border:
         """Derivatives by the load factor at a solution w and y, with its true strains, and at whose
         load factor the system stands then.  Also sets `load_norm`.  Collective."""
-        border = self._border(w, y, None)
+        border = self.border(w, y, None)
         forces = border[0]
         self.load_norm = math.sqrt(self._system.comm.allreduce(float(forces @ forces)))
         self.evaluate_at(float(y[-1]), w, y, None)
         return border
 
-    def _border(self, w: PETSc.Vec, y: Array, base: PETSc.Vec | None) -> Border:
-        """Derivatives by the load factor, in which fixed coordinates move along: central
-        differences, at strains that are linear from w = `base`, or the true ones.  Leaves the
-        system at a shifted load factor.  Collective."""
+    def border(self, w: PETSc.Vec, y: Array, base: PETSc.Vec | None) -> Border:
+        """See `ExtraUnknown`: central differences, in which fixed coordinates move along.  Leaves
+        the system at a shifted load factor.  Collective."""
         forces = []
         equations = []
         for side in (1, -1):

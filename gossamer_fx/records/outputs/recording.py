@@ -471,12 +471,13 @@ class Recording(Continued):
         schedule = Schedule()
         if self._fields:
             schedule = self.schedule
-        masses = AttachedMassPoints(self.folder / "masses.csv", run.scene.items, schedule)
-        if masses:
-            yield "masses.csv", masses
-        ends = ConnectorLines(self.folder / "lines.csv", run.scene.items, schedule)
-        if ends:
-            yield "lines.csv", ends
+        items = run.scene.items
+        for name, attached in (
+            ("masses.csv", mass_points(items)),
+            ("lines.csv", connector_ends(items)),
+        ):
+            if attached:
+                yield name, AttachedPoints(self.folder / name, attached, schedule)
         tensions = _tension_columns(run, self.at)
         if tensions:
             table = Probes(self.folder / "tensions.csv", tensions)
@@ -588,45 +589,37 @@ class FilmStates(TableOutput):
         return found
 
 
-class AttachedMassPoints(TableOutput):
-    """CSV file with the positions of the attached masses [m], three columns a mass."""
+class AttachedPoints(TableOutput):
+    """CSV file with the positions of attached points [m], three columns a point.
 
-    def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
+    Args:
+        points: by the common beginning of their columns.
+    """
+
+    def __init__(self, path: Path, points: Mapping[str, Attached], schedule: Schedule) -> None:
         super().__init__(path, schedule)
-        masses = [item for item in items if isinstance(item, AttachedMass)]
-        self._ports = {mass.name: mass.port for mass in masses}
-
-    def __bool__(self) -> bool:
-        """Whether there is anything to write."""
-        return bool(self._ports)
+        self._points = dict(points)
 
     def values(self, run: StateView) -> dict[str, Any]:
-        points = run.system.unknowns.state.vectors(list(self._ports.values()))
-        columns = [f"{name} {axis}" for name in self._ports for axis in "xyz"]
+        points = run.system.unknowns.state.vectors(list(self._points.values()))
+        columns = [f"{name}{axis}" for name in self._points for axis in "xyz"]
         return dict(zip(columns, points.ravel().tolist(), strict=True))
 
 
-class ConnectorLines(TableOutput):
-    """CSV file with the two ends of each line of the connectors [m], six columns a line."""
+def mass_points(items: Sequence[object]) -> dict[str, Attached]:
+    """The attached masses of a scene, for columns like "mass x"."""
+    return {f"{item.name} ": item.port for item in items if isinstance(item, AttachedMass)}
 
-    def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
-        super().__init__(path, schedule)
-        # The ends by the common beginning of their three columns, e.g. "1 rope a".
-        self._ends: dict[str, Attached] = {}
-        number = 0
-        for item in items:
-            if not isinstance(item, DrawnAsLines):
-                continue
-            for pair in item.lines_to_draw:
-                number += 1
-                for end, letter in zip(pair, "ab", strict=True):
-                    self._ends[f"{number} {item.name} {letter}"] = end
 
-    def __bool__(self) -> bool:
-        """Whether there is anything to write."""
-        return bool(self._ends)
-
-    def values(self, run: StateView) -> dict[str, Any]:
-        points = run.system.unknowns.state.vectors(list(self._ends.values()))
-        columns = [f"{name}{axis}" for name in self._ends for axis in "xyz"]
-        return dict(zip(columns, points.ravel().tolist(), strict=True))
+def connector_ends(items: Sequence[object]) -> dict[str, Attached]:
+    """Both ends of each line of the connectors of a scene, for columns like "1 rope ax"."""
+    ends: dict[str, Attached] = {}
+    number = 0
+    for item in items:
+        if not isinstance(item, DrawnAsLines):
+            continue
+        for pair in item.lines_to_draw:
+            number += 1
+            for end, letter in zip(pair, "ab", strict=True):
+                ends[f"{number} {item.name} {letter}"] = end
+    return ends

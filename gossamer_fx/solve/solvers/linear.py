@@ -183,6 +183,8 @@ class BorderedPreconditioner:
         self._solved: list[int] = []
         context = sparse.getPythonContext() if sparse.getType() == "python" else None
         self._context = context
+        # Whether P is a factorisation; a context may change from step to step.
+        self._factorises = factorisation.is_exact(sparse)
         # What lets it use the factors of an earlier matrix for the next one, if it can; returns
         # whether it does, so that the next matrix need not be summed.
         self._keep_factors: Callable[[], bool] | None = getattr(context, "keep_factors", None)
@@ -228,7 +230,7 @@ class BorderedPreconditioner:
     @property
     def _is_exact(self) -> bool:
         """Whether P = A, to round-off."""
-        return factorisation.is_exact(self._sparse)
+        return bool(getattr(self._context, "is_exact", self._factorises))
 
     def _is_marked(self, mark: str) -> bool:
         """Whether a preconditioner adds the couplings of contact itself (`adds_couplings`), or is
@@ -285,7 +287,7 @@ class BorderedPreconditioner:
         """
         operator = self._operator
         # The flexible Krylov method allows another preconditioner within a solve.
-        if not self._is_exact and self._is_marked("is_outdated"):
+        if self._is_marked("is_outdated"):
             # PETSc does not set up for a matrix again unless it has changed.
             operator.A.A.stateIncrease()
             self._set_up_sparse(is_new_step=False)

@@ -140,9 +140,9 @@ class ExtraUnknown(ABC):
         """Residual of its equation, over the size of what it balances.  Collective."""
 
     @abstractmethod
-    def border(self, w: PETSc.Vec, y: Array, linearisation_point: PETSc.Vec) -> Border:
+    def border(self, w: PETSc.Vec, y: Array, base: PETSc.Vec | None) -> Border:
         """Derivatives by this unknown at an iterate w and y (m + 1,), whose strains are linear from
-        the linearisation point.  Collective."""
+        w = `base`, or without it the true ones.  Collective."""
 
 
 class Newton:
