@@ -306,7 +306,10 @@ def test_a_demo_and_a_script_that_begin_with_mpi4py_read_nothing_there(folder: P
     (folder / "ucx.conf").write_text(f"UCX_LOG_FILE={mine}\nUCX_LOG_LEVEL=debug\n")
     (folder / "helper.py").write_text("WORDS = 'of the folder'\n")
     script = "import sys\nfrom mpi4py import MPI\nimport helper\n"
-    script += "print(__name__, *sys.argv[1:], MPI.COMM_WORLD.size, helper.WORDS, flush=True)\n"
+    script += "words = [__name__, *sys.argv[1:], str(MPI.COMM_WORLD.size), helper.WORDS]\n"
+    # Written at once, so that the lines of two ranks cannot mix.
+    script += "sys.stdout.write(' '.join(words) + '\\n')\n"
+    script += "sys.stdout.flush()\n"
     (folder / "script.py").write_text(script)
     launched = program(folder, "-m", "gossamer_fx.app.cli.launch", "2", "script.py", "a")
     assert launched.stdout == "__main__ a 2 of the folder\n" * 2, launched
