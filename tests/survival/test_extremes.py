@@ -3,10 +3,12 @@ failure."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.studies import extremes
 from demos.studies.engine.deployments import arguments
 from demos.studies.stability import ORDINARY, STUDY, cases, problem
 from gossamer_fx.core.checks.errors import NotConverged
@@ -60,3 +62,20 @@ def test_a_step_that_would_turn_a_chamber_inside_out_is_not_taken() -> None:
         run.solver.step(0.05)
     patient = run_until(0.05, mass, room, dt=0.05, halvings=20)
     assert patient.chamber("room").volume > 0 and abs(patient.energy_error) <= 1e-9
+
+
+def test_the_answer_of_a_crease_is_that_of_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A start moved by 1e-6 of the size has another fold angle, and 1e-6 more or less energy."""
+    compile_scene = gx.Scene.compile
+
+    def compile_moved(scene: gx.Scene, *words, **options):
+        system = compile_scene(scene, *words, **options)
+        unknowns = system.unknowns
+        moved = unknowns.q0.array_r.copy()
+        moved += 1e-7 * np.random.default_rng(0).uniform(-1, 1, len(moved))
+        system.restore(moved, unknowns.v0.array_r.copy(), unknowns.time)
+        return system
+
+    monkeypatch.setattr(gx.Scene, "compile", compile_moved)
+    # It compares the energies itself, to 1e-9.
+    assert extremes.problem(COMM, "crease")["energy_error"] < 1e-9

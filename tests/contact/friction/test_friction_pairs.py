@@ -113,6 +113,39 @@ def sliding_pairs(kind: int, pairs, x0: np.ndarray) -> FrictionPairs:
 
 
 @pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
+def test_beyond_edges_and_corners_only_the_motion_across_the_gap_slides(kind: int) -> None:
+    """One side moves along the gap, or across it.  The closest points of these pairs are on edges
+    and corners, where the edges that give the directions are not perpendicular to the gap."""
+    pairs, _, _ = near_pairs(kind, COUNT, seed=8)
+    x0 = np.random.default_rng(5).normal(size=(4 * COUNT, 3))
+    rub = sliding_pairs(kind, pairs, x0)
+    gap, _ = rub.vectors_at(x0)
+    normal = gap / np.linalg.norm(gap, axis=1)[:, None]
+    edges = np.einsum("ik,nkc->nic", EDGE_WEIGHTS[kind], x0[rub.points])
+    slopes = np.abs(np.einsum("nic,nc->ni", edges, normal)).max(axis=1)
+    # More than half of the pairs have an edge that leaves the tangent plane.
+    assert np.mean(slopes > 0.1) > 0.5
+
+    first_side = [0] if kind == PointTriangle.number else [0, 1]
+    # Second order in the motion is 1e-6 of it.
+    size = 1e-6
+
+    def slides(direction: np.ndarray) -> np.ndarray:
+        x1 = x0.copy()
+        x1[rub.points[:, first_side]] += size * direction[:, None]
+        return rub.sliding(x1).w / size
+
+    across = np.cross(normal, np.random.default_rng(6).normal(size=normal.shape))
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    along_one = slides(across)
+    along_other = slides(np.cross(normal, across))
+    np.testing.assert_allclose(slides(normal), 0, atol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(along_one, axis=1), 1, rtol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(along_other, axis=1), 1, rtol=1e-4)
+    np.testing.assert_allclose((along_one * along_other).sum(axis=1), 0, atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
 def test_the_product_with_the_derivative_by_the_start_agrees_with_differences(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, COUNT, seed=8)
     rub = sliding_pairs(kind, pairs, x0)
