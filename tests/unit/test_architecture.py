@@ -236,6 +236,9 @@ def test_an_unknown_name_is_answered_with_similar_names() -> None:
         _ = gossamer_fx.Ring
     with pytest.raises(AttributeError, match="its names are: At, Beam"):
         _ = gossamer_fx.nothing_like_it
+    # Programs that look at any object ask for such names; nobody reads proposals for them.
+    with pytest.raises(AttributeError, match=r"^gossamer_fx has no '__test__'\.$"):
+        _ = gossamer_fx.__test__
 
 
 def test_namespaces_do_not_depend_on_houses() -> None:

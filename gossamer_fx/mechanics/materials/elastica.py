@@ -54,6 +54,9 @@ STEEPEST = -0.42
 # Gauss points for the integrals (4), whose integrand is smooth.
 INTEGRATION_POINTS = 64
 
+# The same points and weights for all strips: to find them took most of the time of `cubic`.
+GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(INTEGRATION_POINTS)
+
 # Steps of the fixed-point iteration for p.  Each reduces the error by the factor p, which is small.
 FIXED_POINT_STEPS = 50
 
@@ -81,10 +84,9 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
     >>> round(δ, 6), round(load, 6)
     (0.0025, 1.001251)
     """
-    points, point_weights = np.polynomial.legendre.leggauss(INTEGRATION_POINTS)
     # From [-1, 1] to [0, π/2].
-    φ = (points + 1) * math.pi / 4
-    weights = point_weights * math.pi / 4
+    φ = (GAUSS_POINTS + 1) * math.pi / 4
+    weights = GAUSS_WEIGHTS * math.pi / 4
     k = math.sin(α / 2)
     sin_half_θ = k * np.sin(φ)
     cos_θ = 1 - 2 * sin_half_θ**2
