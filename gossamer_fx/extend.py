@@ -19,7 +19,8 @@ General kinds of terms
     `AttachedKineticEnergy`
     fixed and prescribed coordinates: `Support`
     the law of a `PointLoad`: `PointForce`; with gradients where it depends on the start of a step
-    `ForceOfStart`, and with restarts `HistoryVariables`
+    `ForceOfStart`, and with history variables `HistoryVariables`, of which ranks share out
+    `NamedRows`
 Laws and obstacles
     `FilmLaw`, the base of laws of films, `IsotropicFilm` of those with two moduli; pieces of a path
     of strain are `Piece` with `within_cone`, and a plate needs the law's `BendingStiffness`

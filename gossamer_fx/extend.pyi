@@ -14,6 +14,7 @@ from .analysis.cases.results import recorded_warnings as recorded_warnings
 from .analysis.cases.results import values_text as values_text
 from .analysis.cases.results import write_results as write_results
 from .build.fold.folding import Folding as Folding
+from .core.algebra.named_rows import NamedRows as NamedRows
 from .core.algebra.numbering import NumberedBlock as NumberedBlock
 from .core.algebra.point_measures import Gather as Gather
 from .core.algebra.point_measures import PointMeasure as PointMeasure

@@ -80,7 +80,7 @@ def print_equilibria(
     film, search = airbag(MPI.COMM_WORLD, LAWS[law], 1, cells)
     found = gx.analysis.equilibria(search, starts=starts, perturbation=perturbation)
     for one in found:
-        search.system.restore(one.coordinates, 0 * one.coordinates, search.system.unknowns.time)
+        one.take(search)
         volume, potential = volume_and_potential(one.result)
         height = displacement(film, search, "bottom left")[2]
         if MPI.COMM_WORLD.rank == 0:

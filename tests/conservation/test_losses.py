@@ -121,11 +121,11 @@ def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:
 def test_a_step_that_is_made_anew_loses_once() -> None:
     run = run_to(3, scene())
     before = dict(run.totals.losses)
-    run.history.commit()
+    start = run.history.save()
     run.run(until=6 * DT)
     after = dict(run.totals.losses)
     assert after["reel"] > before["reel"] and after["air"] > before["air"]
-    run.history.rollback()
+    run.history.restore(start)
     assert run.system.balance.totals().losses == before
 
 

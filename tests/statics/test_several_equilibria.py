@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 
 EA = 1000.0  # N
@@ -84,3 +86,31 @@ def test_the_number_of_searches_without_a_result_is_said(comm, caplog):
     reached = sum(len(one.starts) for one in found)
     assert 0 < reached < 4
     assert f"equilibria: {4 - reached} of 4 searches have found nothing" in caplog.text
+
+
+def test_each_search_has_the_creases_of_the_start() -> None:
+    """The second start bends a fold beyond its yield angle; the later ones find it flat again."""
+    film = gx.Plate(
+        creased_strip(MPI.COMM_SELF, 1, 1, 0.1, 0.1),
+        gx.Linear(E=1e6, nu=0.3, density=1400.0, thickness=1e-3),
+        hinges=["crease"],
+    )
+    fold = gx.connectors.Crease(film, "crease", stiffness=2e-3, yield_angle=0.05)
+    held = [gx.Fixed(film, name) for name in ("left", "crease")]
+    equilibrium = gx.Equilibrium(gx.Scene(film, fold, *held))
+    found = gx.analysis.equilibria(equilibrium, starts=6, perturbation=0.04)
+    assert [one.starts for one in found] == [(0, 2, 3, 4, 5), (1,)]
+    assert [one.result.totals.dissipated > 0 for one in found] == [False, True]
+    assert equilibrium.system.balance.totals().dissipated == 0
+
+
+def test_a_found_equilibrium_can_be_taken(comm) -> None:
+    equilibrium, height = two_bars(comm)
+    found = gx.analysis.equilibria(equilibrium, starts=12, perturbation=0.5)
+    _, lower = (one for one in found if one.result.unstable == 0)
+    lower.take(equilibrium)
+    assert height(equilibrium) == pytest.approx(-RISE, rel=1e-9)
+    assert equilibrium.result is lower.result
+    # A search that begins there stays there.
+    assert equilibrium.find(progress=False).iterations <= 1
+    assert height(equilibrium) == pytest.approx(-RISE, rel=1e-9)

@@ -113,9 +113,9 @@ def test_nothing_is_lost_for_any_sequence_of_steps(kind: str, seed: int) -> None
     run = gx.Simulation(scene, gx.Midpoint(dt=1.0))
     rng = np.random.default_rng(seed)
     for h in 10 ** rng.uniform(-5, -2.3, 6):
-        run.history.commit()
+        start = run.history.save()
         run.stepping.advance(h * rng.uniform(0.1, 2))
-        run.history.rollback()
+        run.history.restore(start)
         run._advance(h)
     first = run.first
     last = run.totals
@@ -138,7 +138,7 @@ def test_a_step_that_is_taken_back_leaves_no_trace(
     """
     run = gx.Simulation(scene(COMM), gx.Midpoint(dt=1e-3))
     run.run(until=3e-3)
-    run.history.commit()
+    start = run.history.save()
     results = []
     for trial in (1e-3, 2.7e-3, 1e-3):
         run.stepping.advance(trial)
@@ -149,7 +149,7 @@ def test_a_step_that_is_taken_back_leaves_no_trace(
                 run.system.balance.totals().energy,
             )
         )
-        run.history.rollback()
+        run.history.restore(start)
     for first, again in zip(results[0], results[2], strict=True):
         largest = COMM.allreduce(float(np.max(np.abs(first), initial=0.0)), MPI.MAX)
         np.testing.assert_allclose(

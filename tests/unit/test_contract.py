@@ -98,13 +98,12 @@ def test_a_kind_that_overrides_nothing_changes_nothing() -> None:
 
 def test_names_of_methods_enrol_nothing() -> None:
     run = swing(IdleItem())
-    run.history.commit()
-    run.history.rollback()
+    run.history.restore(run.history.save())
     [idle] = [kind for kind in run.system.equations.compiled if isinstance(kind, Idle)]
     [term] = [term for term in run.system.unknowns.terms if isinstance(term, IdleTerm)]
     assert not isinstance(idle.helper, FACETS)
     assert idle.helper.calls == term.helper.calls == []
-    saved = run.history.get_history()
+    saved = run.history.save().variables
     assert not [name for name in saved if name == "Idle" or name.endswith("helper")]
 
 

@@ -167,10 +167,10 @@ def test_a_restored_tether_has_the_mean_tension_of_the_step_before() -> None:
     run.run(until=DT)
     tension = gx.probes.Tension(part)
     before = tension(run)
-    run.history.commit()
+    start = run.history.save()
     run.run(until=2 * DT)
     assert tension(run) > 1.1 * before
-    run.history.rollback()
+    run.history.restore(start)
     assert tension(run) == before == pytest.approx(mean, rel=1e-7)
 
 

@@ -78,6 +78,7 @@ from gossamer_fx.analysis.sensitivity.tape import RecordedState, RunTape
 from gossamer_fx.core.checks.errors import InputError, StepFailure, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.steppers.history import name_of_scalars
 from gossamer_fx.solve.system.residual_sizes import out_of_balance
 from gossamer_fx.solve.system.system import System
 
@@ -202,8 +203,8 @@ class BackwardSteps:
         h = end.h
         self._tape.restore(start)
         y = system.equations.begin_recorded_step(h, end.active_sets)
-        for scalars, history in zip(system.equations.scalar_unknowns, end.scalars, strict=True):
-            if not scalars.repeats(history):
+        for k, scalars in enumerate(system.equations.scalar_unknowns):
+            if not scalars.repeats(end.saved.variables[name_of_scalars(k)]):
                 raise StepFailure(
                     f"gradient: the step from t = {start.time:.9g} s cannot be repeated: a valve "
                     "that an event opened or closed has no gradient."

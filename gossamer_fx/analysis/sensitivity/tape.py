@@ -15,18 +15,20 @@ of the levels: A. Griewank & A. Walther, Evaluating Derivatives, 2nd ed., SIAM 2
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check, check_on_all
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
 from gossamer_fx.records.run.simulation import Simulation
+from gossamer_fx.solve.steppers.history import MOTION, History, SavedState
 from gossamer_fx.solve.steppers.midpoint import Midpoint
 
 # Memory [bytes] that a tape may take on a rank, unless the user says otherwise.
@@ -41,20 +43,29 @@ class RecordedState:
     """An accepted state of a run, after `index` steps and at a time [s]; `h` [s] is the length of
     the step that led to it, zero for the first state.
 
-    Coordinates with multipliers q and velocities v (n,) are this rank's; `bytes` is what the state
-    takes on it.  Histories and scalars are in the order of the kinds and scalar unknowns that saved
-    them; `active_sets` are those of the step that led to it.
+    `active_sets` are those of the step that led to it, and `bytes` is what the state takes on this
+    rank.
     """
 
     index: int
-    time: float
     h: float
-    q: Array
-    v: Array
-    histories: list[Any]
-    scalars: list[dict[str, Any]]
+    saved: SavedState
     active_sets: list[Any]
     bytes: int
+
+    @property
+    def time(self) -> float:
+        return self.saved.time
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (n,) of this rank, with multipliers."""
+        return self.saved.vectors["coordinates"]
+
+    @property
+    def v(self) -> Array:
+        """Velocities (n,) of this rank."""
+        return self.saved.vectors["velocities"]
 
 
 @check_arguments
@@ -75,6 +86,7 @@ class RunTape:
         states: those that are kept, from the one at the start of the recording to the last one.
         stride: number of steps between two states that are kept.
         bytes: memory of the states on this rank.
+        history: saves and restores states of the run.
 
     Raises:
         InputError: another stepper or stress rule; no room for four states.
@@ -100,6 +112,8 @@ class RunTape:
         self.memory = memory
         self.stride = 1
         self._solver = run.solver
+        # Without that of the stepper: whether a step is tried with care says nothing about it.
+        self.history = History(run.system)
         first = self._present(0, 0.0)
         check_on_all(
             self.system.comm,
@@ -130,15 +144,9 @@ class RunTape:
 
     def restore(self, state: RecordedState) -> None:
         """Make a recorded state that of the system.  Collective."""
-        self.system.restore(state.q, state.v, state.time)
-        for compiled, saved in zip(
-            self.system.equations.differentiable, state.histories, strict=True
-        ):
-            compiled.load_history(saved)
-        for scalars, history in zip(
-            self.system.equations.scalar_unknowns, state.scalars, strict=True
-        ):
-            scalars.set_history(history)
+        # On several ranks PETSc keeps what was dropped in the step that was restored before this.
+        PETSc.garbage_cleanup(self.system.comm)
+        self.history.restore(state.saved)
 
     def _present(self, index: int, h: float) -> RecordedState:
         """The accepted state of the system after a step of length h [s], for the tape."""
@@ -146,20 +154,9 @@ class RunTape:
         active_sets = []
         if h > 0:
             active_sets = [compiled.save_active_set() for compiled in system.equations.active_sets]
-        q = np.array(system.unknowns.q0.array_r)
-        v = np.array(system.unknowns.v0.array_r)
-        histories = [compiled.save_history() for compiled in system.equations.differentiable]
-        return RecordedState(
-            index=index,
-            time=system.unknowns.time,
-            h=h,
-            q=q,
-            v=v,
-            histories=histories,
-            scalars=[scalars.get_history() for scalars in system.equations.scalar_unknowns],
-            active_sets=active_sets,
-            bytes=_bytes_of([q, v, histories, active_sets]),
-        )
+        saved = self.history.save(MOTION)
+        size = _bytes_of([saved, active_sets])
+        return RecordedState(index, h, saved, active_sets, size)
 
     def _record(self) -> None:
         """Add the step that was accepted; called by the system on all ranks."""
@@ -259,8 +256,6 @@ class RunTape:
         Collective."""
         system = self.system
         recorders = system.recorders
-        supplied = system.balance.supplied_energy
-        losses = dict(system.balance.losses)
         # Nothing records or counts steps that are made again: the run has made them already.
         system.recorders = []
         try:
@@ -280,15 +275,13 @@ class RunTape:
             return self._present(index, self._lengths[index])
         finally:
             system.recorders = recorders
-            system.balance.supplied_energy = supplied
-            system.balance.losses.update(losses)
 
 
 def _bytes_of(saved: Any) -> int:
     """Memory [bytes] of the arrays in lists, tuples, dictionaries and data classes."""
     if isinstance(saved, np.ndarray):
         return int(saved.nbytes)
-    if isinstance(saved, dict):
+    if isinstance(saved, Mapping):
         return sum(_bytes_of(part) for part in saved.values())
     if isinstance(saved, list | tuple):
         return sum(_bytes_of(part) for part in saved)

@@ -67,18 +67,13 @@ class TransientGradients:
         """The gradient of one result at the last step of the tape, or of a `CrossingTime`; the
         system is as before afterwards.  Collective."""
         system = self._system
-        present = self._tape.states[-1]
-        remainder = system.unknowns.increment.remainder.copy()
-        # Without the round-off of a sum of steps, which the tape has.
-        time = system.unknowns.time
+        present = self._tape.history.save()
         try:
             value, duration = self._sum_up(objective)
             notes = self._notes_on_the_start()
         finally:
             # Also where a step cannot be repeated: the run goes on from here.
-            self._tape.restore(present)
-            remainder.copy(system.unknowns.increment.remainder)
-            system.unknowns.time = time
+            self._tape.history.restore(present)
         growth = growth_of(self.norms)
         self._warn(growth, duration)
         for compiled in system.equations.differentiable:

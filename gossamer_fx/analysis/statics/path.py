@@ -67,6 +67,7 @@ from gossamer_fx.records.outputs.output import Output, evaluate_probe
 from gossamer_fx.records.outputs.static_records import OpenedOutputs
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Border, ExtraUnknown, Newton, with_border
+from gossamer_fx.solve.steppers.history import MOTION, History
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import (
@@ -752,14 +753,13 @@ class _Follower:
             self._displacement_weight = 1 / (square * length**2)
         self._unit(branch)
         # Central difference of the probe along the branch.
-        here = system.unknowns.q0.array_r.copy()
+        history = History(system)
+        here = history.save(MOTION)
         values = []
         for sign in (1, -1):
-            system.restore(
-                here + sign * direction.array_r, system.unknowns.v0.array_r, system.unknowns.time
-            )
+            history.restore(here.moved_by(sign * direction.array_r))
             values.append(float(measure(self._equilibrium)))
-        system.restore(here, system.unknowns.v0.array_r, system.unknowns.time)
+        history.restore(here)
         grown = values[0] - values[1]
         check(
             abs(grown) > ROUND_OFF * max(map(abs, values)),

@@ -20,7 +20,7 @@ Limit.  Nothing says that all equilibria were found.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -31,7 +31,7 @@ from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.steppers.history import MOTION, History, SavedState
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -58,7 +58,7 @@ class EquilibriumFound:
         stored: sum of the stored energies [J].
         starts: numbers of the starts that led to it; 0 is the one that was not disturbed.
         distance: largest distance [m] of a point from where the first equilibrium has it.
-        coordinates: this rank's unknowns (n,), see `take`.
+        state: the complete state, see `take`.
 
     Example:
         >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
@@ -75,7 +75,14 @@ class EquilibriumFound:
     stored: float
     starts: tuple[int, ...]
     distance: float
-    coordinates: Array
+    state: SavedState
+
+    def take(self, equilibrium: Equilibrium) -> None:
+        """Give the scene of the search this equilibrium, for probes, pictures and as the start of
+        further searches.  Collective."""
+        History(equilibrium.system).restore(self.state)
+        equilibrium.take_over(self.state.time)
+        equilibrium.result = self.result
 
     def __repr__(self) -> str:
         return (
@@ -130,32 +137,30 @@ def equilibria(
         2
     """
     system = equilibrium.system
-    start = _State(equilibrium)
+    history = History(system)
+    start = history.save(MOTION)
     found: list[EquilibriumFound] = []
     failures: list[str] = []
     for number in range(starts):
-        start.restore(equilibrium)
+        history.restore(start)
+        equilibrium.take_over(start.time)
         if number:
-            _disturb(system, _disturbance(equilibrium, perturbation, seed + number), at)
+            _disturb(history, start, _disturbance(equilibrium, perturbation, seed + number), at)
         try:
             result = equilibrium.find(at=at, progress=False)
         except NoEquilibrium as reason:
             failures.append(str(reason))
             continue
         stored = sum(result.totals.stored.values())
-        coordinates = system.unknowns.q0.array_r.copy()
+        here = EquilibriumFound(result, stored, (number,), 0.0, history.save())
         for k, other in enumerate(found):
-            if _are_same(equilibrium, other, result, stored, coordinates):
-                numbers = (*other.starts, number)
-                found[k] = EquilibriumFound(
-                    other.result, other.stored, numbers, other.distance, other.coordinates
-                )
+            if _are_same(equilibrium, other, here):
+                found[k] = replace(other, starts=(*other.starts, number))
                 break
         else:
-            distance = 0.0
             if found:
-                distance = _distance(equilibrium, found[0].coordinates, coordinates)
-            found.append(EquilibriumFound(result, stored, (number,), distance, coordinates))
+                here = replace(here, distance=_distance(equilibrium, found[0], here))
+            found.append(here)
     if not found:
         raise NoEquilibrium(f"equilibria: none of {starts} searches has found one; {failures[-1]}")
     if failures and equilibrium.comm.rank == 0:
@@ -167,49 +172,24 @@ def equilibria(
             perturbation,
             failures[-1],
         )
-    start.restore(equilibrium)
-    system.restore(found[0].coordinates, 0 * found[0].coordinates, system.unknowns.time)
-    equilibrium.find(at=at, progress=False)
+    found[0].take(equilibrium)
     return [found[0], *sorted(found[1:], key=lambda one: one.stored)]
 
 
-class _State:
-    """What a search starts from: coordinates, time, gas, and what was supplied and lost until
-    then."""
-
-    def __init__(self, equilibrium: Equilibrium) -> None:
-        system = equilibrium.system
-        self.q: Array = system.unknowns.q0.array_r.copy()
-        self._time = system.unknowns.time
-        self._gas = [scalars.get_history() for scalars in system.equations.scalar_unknowns]
-        self._supplied = system.balance.supplied_energy
-        self._losses = dict(system.balance.losses)
-
-    def restore(self, equilibrium: Equilibrium) -> None:
-        """Let the equilibrium search from this state.  Collective."""
-        system = equilibrium.system
-        system.restore(self.q, 0 * self.q, self._time)
-        for scalars, history in zip(system.equations.scalar_unknowns, self._gas, strict=True):
-            scalars.set_history(history)
-        # Else the work of the loads would be that of all searches so far.
-        system.balance.supplied_energy = self._supplied
-        system.balance.losses.update(self._losses)
-        equilibrium.take_over(self._time)
-
-
-def _disturb(system: System, change: Array, at: float) -> None:
-    """Move the unknowns of this rank by a change (n,); the loads of time `at` [s] do work on the
-    way, which counts as supplied, so that each equilibrium has the work from the start of all.
-    Collective."""
+def _disturb(history: History, start: SavedState, change: Array, at: float) -> None:
+    """Move the unknowns of this rank from a start, which is the present state, by a change (n,);
+    the loads of time `at` [s] do work on the way, which counts as supplied, so that each
+    equilibrium has the work from the start of all.  Collective."""
+    system = history.system
+    moved = start.moved_by(change)
     for compiled in system.equations.compiled:
         compiled.begin_step(at)
     end = system.unknowns.q0.copy()
-    end.array[:] += change
+    end.array[:] = moved.vectors["coordinates"]
     system.equations.set_end(end)
-    work = sum(compiled.supplied() for compiled in system.equations.compiled)
-    moved = end.array_r.copy()
     end.destroy()
-    system.restore(moved, 0 * moved, system.unknowns.time)
+    work = sum(compiled.supplied() for compiled in system.equations.compiled)
+    history.restore(moved)
     system.balance.supplied_energy += work
 
 
@@ -239,21 +219,21 @@ def _disturbance(equilibrium: Equilibrium, perturbation: float, seed: int) -> Ar
 
 def _are_same(
     equilibrium: Equilibrium,
+    one: EquilibriumFound,
     other: EquilibriumFound,
-    result: EquilibriumResult,
-    stored: float,
-    coordinates: Array,
 ) -> bool:
     """Whether two searches have found the same equilibrium.  Collective."""
-    if result.free or other.result.free:
-        return abs(stored - other.stored) <= SAME_ENERGY * max(abs(stored), abs(other.stored))
-    distance = _distance(equilibrium, other.coordinates, coordinates)
+    if one.result.free or other.result.free:
+        difference = abs(one.stored - other.stored)
+        return difference <= SAME_ENERGY * max(abs(one.stored), abs(other.stored))
+    distance = _distance(equilibrium, one, other)
     return distance <= SAME_PLACE * equilibrium.system.unknowns.initial.extent()
 
 
-def _distance(equilibrium: Equilibrium, one: Array, other: Array) -> float:
-    """Largest change [m] of a coordinate of a position from one state to another.  Collective."""
+def _distance(equilibrium: Equilibrium, one: EquilibriumFound, other: EquilibriumFound) -> float:
+    """Largest difference [m] of a coordinate of a position between two equilibria.  Collective."""
     system = equilibrium.system
     marks = system.unknowns.position_marks
-    changes = np.abs(other - one)[: 3 * len(marks)].reshape(-1, 3) * marks[:, None]
+    difference = other.state.vectors["coordinates"] - one.state.vectors["coordinates"]
+    changes = np.abs(difference)[: 3 * len(marks)].reshape(-1, 3) * marks[:, None]
     return float(system.comm.allreduce(float(changes.max(initial=0.0)), op=MPI.MAX))

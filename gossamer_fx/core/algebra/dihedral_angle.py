@@ -36,7 +36,8 @@ Algorithm.
    to a whole turn.
 
 All arrays have the shape (..., 3, 3) with the vectors as rows.  All functions but `angle` are
-analytic, so that complex steps give their derivatives.
+analytic, so that complex steps give their derivatives.  As a compiled law (`core.laws`), of 20
+numbers in and 9 out, (3) and (4) were not differentiated within ten minutes.
 
 Discrete gradients: O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449, doi:10.1007/BF02440162.  Complex
 steps: W. Squire & G. Trapp, SIAM Rev. 40 (1998) 110, doi:10.1137/S003614459631241X.

@@ -21,8 +21,10 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra import dihedral_angle
+from gossamer_fx.core.algebra.named_rows import NamedRows
 from gossamer_fx.core.algebra.numbering import Numbering
 from gossamer_fx.core.algebra.point_measures import Measure, PointMeasures, Ports
+from gossamer_fx.core.algebra.rank_exchange import hash_rows
 from gossamer_fx.core.model.body import Array, Body, Indices, MeshBody
 from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
@@ -191,7 +193,6 @@ class FoldStencil(Stencil):
     geometric = 1.0
     # A rest angle depends on the path, also on that to rest.
     advances_in_search = True
-    has_history = True
 
     def __init__(self, *arguments: Any) -> None:
         # Vectors Y (n, 9) at the end of the step, their angles (n, 1) and, once they are asked for,
@@ -207,9 +208,11 @@ class FoldStencil(Stencil):
         if not self._has_begun:
             return self.at.principal(Y)[:, None]
         if not (self._of_end and self._of_end[0] is Y):
-            # The angle within half a turn of that at the start of the step
-            change = dihedral_angle.angle(folds(Y))[:, None] - self.e0
-            self._of_end = [Y, self.e0 + np.remainder(change + np.pi, 2 * np.pi) - np.pi]
+            # The angle within half a turn of that at the start of the step: a function of the
+            # positions and of full turns, so that a state is restored to the last bit.
+            shown = dihedral_angle.angle(folds(Y))[:, None]
+            turns = np.rint((self.e0 - shown) / (2 * np.pi))
+            self._of_end = [Y, shown + 2 * np.pi * turns]
         return self._of_end[1]
 
     def measured_at(self, q: Array) -> Array:
@@ -240,16 +243,18 @@ class FoldStencil(Stencil):
         (n, 9)."""
         return folds(self._Y0[on]), folds(Y[on]), self.e0[on, 0], self.measured(Y)[on, 0]
 
-    def turns(self) -> Indices:
+    def turns(self) -> Array:
         """Full turns (n,) by which the angles at the start of the step differ from those that the
         positions show."""
         whole = (self.e0[:, 0] - self.at.principal(self._Y0)) / (2 * np.pi)
-        return np.rint(whole).astype(int)
+        found: Array = np.rint(whole)
+        return found
 
-    def recall(self, turns: Indices, state: Array) -> None:
+    def recall(self, turns: Array, state: Array) -> None:
         """Set the angles from full turns (n,), and the state (n, z)."""
         angles = self.at.principal(self._Y0) + 2 * np.pi * turns
-        self.set_present((angles[:, None], state))
+        self.state[:] = state
+        self._start(self._Y0, angles[:, None])
 
 
 # ---- in a scene ----------------------------------------------------------------------------------
@@ -325,37 +330,25 @@ class CreaseEnergies(HistoryVariables, Shown, RowTerms):
     # ---- history variables -----------------------------------------------------------------------
 
     def get_history(self) -> dict[str, Any]:
-        """Fold angles that do not follow from positions and input: the numbers that name a point on
-        any number of ranks, its full turns, and its rest angle [rad], or None where that is the
-        given one.  Collective."""
-        unusual = []
-        for group, stencil in self._points():
+        """Fold angles that do not follow from positions and input: full turns of points, and rest
+        angles [rad] of those that yield."""
+        found: dict[str, Any] = {}
+        for k, (group, stencil) in enumerate(self._points()):
             turns = stencil.turns()
-            given = self._given_state(group)
-            has_slipped = (stencil.state != given).any(axis=1)
-            names = self._names(group)
-            for i in np.flatnonzero(has_slipped | (turns != 0)):
-                rest = float(stencil.state[i, 0]) if has_slipped[i] else None
-                unusual.append((names[i], int(turns[i]), rest))
-        of_all_ranks = []
-        for rows in self._system.comm.allgather(unusual):
-            of_all_ranks += rows
-        # Sorted, so that the file is the same for any number of ranks.
-        return {"points": sorted(of_all_ranks)}
+            unusual = (stencil.state != self._given_state(group)).any(axis=1) | (turns != 0)
+            values = np.column_stack([turns, stencil.state])
+            found[f"points {k}"] = NamedRows(self._names(group)[unusual], values[unusual])
+        return found
 
     def shape_history(self) -> dict[str, Any]:
         return self.get_history()
 
     def set_history(self, state: dict[str, Any]) -> None:
-        stored = {tuple(name): (turns, rest) for name, turns, rest in state["points"]}
-        for group, stencil in self._points():
-            turns = np.zeros(stencil.at.n, dtype=np.int32)
-            values = self._given_state(group)
-            for i, name in enumerate(self._names(group)):
-                turns[i], rest = stored.get(tuple(name), (0, None))
-                if rest is not None:
-                    values[i] = rest
-            stencil.recall(turns, values)
+        for k, (group, stencil) in enumerate(self._points()):
+            given = self._given_state(group)
+            usual = np.column_stack([np.zeros(len(given)), given])
+            values = state[f"points {k}"].of(self._names(group), otherwise=usual)
+            stencil.recall(values[:, 0], values[:, 1:])
 
     def _given_state(self, group: RowGroup) -> Array:
         """The given history variables (n, z) of a group: the rest angle [rad] of what yields."""
@@ -364,12 +357,14 @@ class CreaseEnergies(HistoryVariables, Shown, RowTerms):
         given = np.array([self.get_number(term, "rest") for term in group.terms])
         return given[group.stencil.at.owner]
 
-    def _names(self, group: RowGroup) -> list[list[int]]:
-        """Numbers that name the points of a group: of the term in the scene, and of the point."""
+    def _names(self, group: RowGroup) -> Names:
+        """Names (n,) of the points of a group: hashes of the number of the term in the scene, and
+        of the numbers of the point."""
         in_scene = [next(i for i, one in enumerate(self._terms) if one is t) for t in group.terms]
         at = cast(FoldMeasures, group.stencil.at)
-        of_points: Any = at.names.tolist()
-        return [[in_scene[k], *name] for k, name in zip(at.owner, of_points, strict=True)]
+        rows = np.column_stack([np.array(in_scene, dtype=np.int64)[at.owner], at.names])
+        names: Names = hash_rows(rows).view(np.int64)
+        return names
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.algebra.named_rows import NamedRows
 from gossamer_fx.mechanics.contact.contact_step import ContactLaw
 from gossamer_fx.mechanics.contact.contract import (
     Array,
@@ -65,7 +66,6 @@ class ContactHistory(HistoryVariables):
         reference_speed: least closing speed [m/s] for which stiffness is chosen; zero before the
             first step.
         restored: how often a state was restored, which is not part of the state itself.
-        comm: of the contact, once it is known.
     """
 
     activation_distance: Array = field(default_factory=_no_numbers)
@@ -74,39 +74,20 @@ class ContactHistory(HistoryVariables):
     stiffness: Array = field(default_factory=_no_numbers)
     reference_speed: float = 0.0
     restored: int = 0
-    comm: MPI.Intracomm | None = None
     _own_points: Int64Array = field(default_factory=_no_identifiers)
 
-    def share(self, comm: MPI.Intracomm, own_points: Int64Array) -> None:
+    def share(self, own_points: Int64Array) -> None:
         """Let this rank store the activation distances [m] of some points only; together the ranks
         have all.  `own_points`: numbers (p,) of these points among those of all ranks."""
-        self.comm = comm
         self._own_points = own_points
-        # A state that was set before is that of all points.
-        if self.has_begun:
-            self.activation_distance = self.activation_distance[own_points]
 
     def get_history(self) -> dict[str, Any]:
-        """Return the history variables of all ranks for a checkpoint, the same on every rank;
-        collective."""
-        identifier = self.identifier
-        stiffness = self.stiffness
-        activation_distance = self.activation_distance
-        if self.comm is not None and self.comm.size > 1:
-            of_ranks = self.comm.allgather((identifier, stiffness))
-            identifiers = np.concatenate([part for part, _ in of_ranks])
-            # Two ranks may hold the same pair; its stiffness is the same on both.
-            identifier, first = np.unique(identifiers, return_index=True)
-            stiffness = np.concatenate([part for _, part in of_ranks])[first]
-            of_points = self.comm.allgather((self._own_points, activation_distance))
-            numbers = np.concatenate([part for part, _ in of_points])
-            # All ranks have the points of obstacles, with the same values.
-            _, first = np.unique(numbers, return_index=True)
-            activation_distance = np.concatenate([part for _, part in of_points])[first]
+        # Arrays of the history are replaced, and never written to.
+        points = self._own_points if self.has_begun else _no_identifiers()
         return {
-            "activation distance": activation_distance.tolist(),
-            "identifier": identifier.tolist(),
-            "stiffness": stiffness.tolist(),
+            "has begun": self.has_begun,
+            "activation distance": NamedRows(points, self.activation_distance[:, None]),
+            "stiffness": NamedRows(self.identifier, self.stiffness[:, None]),
             "reference speed": self.reference_speed,
         }
 
@@ -115,14 +96,13 @@ class ContactHistory(HistoryVariables):
         return self.get_history() | {"reference speed": 0.0}
 
     def set_history(self, state: dict[str, Any]) -> None:
-        """Restore the history variables that `get_history` returned, on any number of ranks."""
-        of_all_points = np.array(state["activation distance"], dtype=float)
-        self.has_begun = len(of_all_points) > 0
-        self.activation_distance = of_all_points
-        if self.comm is not None and self.has_begun:
-            self.activation_distance = of_all_points[self._own_points]
-        self.identifier = np.array(state["identifier"], dtype=np.int64)
-        self.stiffness = np.array(state["stiffness"], dtype=float)
+        self.has_begun = state["has begun"]
+        self.activation_distance = _no_numbers()
+        if self.has_begun:
+            distances = state["activation distance"].of(self._own_points)
+            self.activation_distance = distances[:, 0]
+        self.identifier = state["stiffness"].names
+        self.stiffness = state["stiffness"].values[:, 0]
         self.reference_speed = float(state["reference speed"])
         # The contact set compares this number, and computes again what follows from the history.
         self.restored += 1
@@ -183,7 +163,7 @@ class Activation:
         self._history = history
         self._largest = largest
         self._own, own_numbers = mesh.own_points()
-        history.share(mesh.comm, own_numbers)
+        history.share(own_numbers)
         # Of the m points that this rank knows.
         self._of_points = history.activation_distance
         self.forget_pairs()

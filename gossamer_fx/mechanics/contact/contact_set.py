@@ -55,7 +55,7 @@ from gossamer_fx.mechanics.contact.contact_step import (
     energy_of_pairs,
     groups_of,
 )
-from gossamer_fx.mechanics.contact.contract import Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
@@ -354,23 +354,6 @@ class ContactSet:
         x = self.points.at(self.system.q0, time)
         self.accepted = replace(self.accepted, time=time, x=x)
         return x
-
-    def save_history(self) -> tuple[Array, Int64Array, Array, float]:
-        """Return activation distances, identifiers, stiffness and reference speed of the history,
-        arrays that are replaced and never changed."""
-        history = self.history
-        return (
-            history.activation_distance,
-            history.identifier,
-            history.stiffness,
-            history.reference_speed,
-        )
-
-    def load_history(self, saved: tuple[Array, Int64Array, Array, float]) -> None:
-        history = self.history
-        history.activation_distance, history.identifier, history.stiffness, speed = saved
-        history.reference_speed = speed
-        history.restored += 1
 
     def save_active_set(self) -> ActivePairs | None:
         """Return the pairs of the last accepted step that have energy at one of its ends. The

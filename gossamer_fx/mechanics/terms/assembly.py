@@ -403,11 +403,18 @@ class HistoryVariables(ABC):
 
     @abstractmethod
     def get_history(self) -> dict[str, Any]:
-        """The history as numbers, strings and lists of them; the same on every rank."""
+        """The history by name, as objects that do not change: numbers, words and lists of them,
+        which are the same on every rank, and `NamedRows`, of which each rank has its own.
+
+        It is asked for in many steps: rows are exchanged only where a checkpoint is written.
+        """
 
     @abstractmethod
     def set_history(self, state: dict[str, Any]) -> None:
-        """Restore what `get_history` returned; coordinates and velocities have been restored."""
+        """Restore what `get_history` returned; coordinates and velocities have been restored.
+
+        `NamedRows` of a checkpoint are those of all ranks.
+        """
 
     def shape_history(self) -> dict[str, Any] | None:
         """The history that belongs to the shape, which a scene that starts from it takes over
@@ -541,14 +548,6 @@ class Differentiable:
     def add_initial_derivatives(self, by_position: PETSc.Vec) -> None:
         """Add (∂s/∂q)ᵀ times the sums, of history variables s that the initial state q has set; the
         system stands at the start of the recorded steps, which may be later.  Collective."""
-
-    def save_history(self) -> Any:
-        """The history variables of the accepted state on this rank, as an object that does not
-        change; without communication."""
-        return None
-
-    def load_history(self, saved: Any) -> None:
-        """Restore what `save_history` returned; coordinates and velocities have been restored."""
 
 
 class Shown:

@@ -36,7 +36,6 @@ from gossamer_fx.mechanics.terms.assembly import (
     CompiledTerms,
     Compiler,
     Differentiable,
-    HistoryVariables,
 )
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
@@ -415,14 +414,6 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
                 vector.setValues(self._indices[k], entries, addv=PETSc.InsertMode.ADD_VALUES)
         by_position.assemble()
         by_velocity.assemble()
-
-    def save_history(self) -> list[dict[str, Any]]:
-        return [law.get_history() for law in self._laws if isinstance(law, HistoryVariables)]
-
-    def load_history(self, saved: list[dict[str, Any]]) -> None:
-        laws = [law for law in self._laws if isinstance(law, HistoryVariables)]
-        for law, state in zip(laws, saved, strict=True):
-            law.set_history(state)
 
     def without_gradient(self) -> str:
         """A load that depends on velocities or on its history has none."""

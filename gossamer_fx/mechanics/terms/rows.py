@@ -26,6 +26,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.named_rows import NamedRows
 from gossamer_fx.core.algebra.point_measures import (
     Gather,
     Measure,
@@ -119,7 +120,7 @@ class RowHistory(HistoryVariables):
         variables: Mapping[str, float | Array],
         driven: Mapping[str, Callable[[float], float]],
     ) -> None:
-        self._here = evaluated_here(ports)
+        self._here = np.array(evaluated_here(ports), dtype=np.int64)
         self._count = len(ports)
         first = next(port for port in ports[0] if isinstance(port, Port))
         self._comm = first.body.comm
@@ -136,18 +137,15 @@ class RowHistory(HistoryVariables):
         return np.asarray(self._comm.allreduce(table))
 
     def get_history(self) -> dict[str, Any]:
-        return {
-            "present": self.all_tuples(self.present).tolist(),
-            "before": self.all_tuples(self.before).tolist(),
-        }
+        return {"tuples": NamedRows(self._here, np.hstack([self.present, self.before]))}
 
     def shape_history(self) -> dict[str, Any] | None:
         # A number that is given over time has the value of the time at which a scene starts.
         return None if self._follows_time else self.get_history()
 
     def set_history(self, state: dict[str, Any]) -> None:
-        self.present[:] = np.array(state["present"])[self._here]
-        self.before[:] = np.array(state["before"])[self._here]
+        values = state["tuples"].of(self._here)
+        self.present[:], self.before[:] = np.split(values, 2, axis=1)
 
 
 @dataclass(frozen=True)
@@ -587,11 +585,6 @@ class Stencil:
         """Whether its forces depend on more than the strains: history variables, driven numbers."""
         return self.state.shape[1] > 0
 
-    @property
-    def has_history(self) -> bool:
-        """Whether its state does not follow from the unknowns alone."""
-        return self.has_state
-
     def exchange(self, q0: Array) -> None:
         """Let the present step, which ends at q0 (n, D), run backwards.  With history variables the
         stress of the way back is another one: that of the step is stored, with its derivative by
@@ -696,17 +689,6 @@ class Stencil:
         by_first = np.einsum("nz,nzm->nm", self.by_history, both)
         by_first[(self.e0 != self._first_e).any(axis=1)] = 0
         return self._forces_of(by_first, self.at.slope(self.at.vectors(q)))
-
-    def present(self) -> tuple[Array, Array]:
-        """Measures (n, m) and history variables with driven numbers (n, z) at the start of the
-        step, which do not change."""
-        return self.e0.copy(), self.state.copy()
-
-    def set_present(self, present: tuple[Array, Array]) -> None:
-        """Restore `present`, at the same unknowns."""
-        e0, state = present
-        self.state[:] = state
-        self._start(self._Y0, e0.copy())
 
     def set_number(self, name: str, value: float, rows: slice) -> None:
         """Give a number of the law a value in some rows."""
@@ -1027,14 +1009,6 @@ class RowTerms(Differentiable, CompiledTerms["RowsOf[Any]"]):
                 indices = stencil.at.indices.ravel()
                 vector.setValues(indices, values, addv=PETSc.InsertMode.ADD_VALUES)
         vector.assemble()
-
-    def save_history(self) -> list[tuple[Array, Array]]:
-        return [group.stencil.present() for group in self._groups if group.stencil.has_history]
-
-    def load_history(self, saved: list[tuple[Array, Array]]) -> None:
-        with_history = [group for group in self._groups if group.stencil.has_history]
-        for group, present in zip(with_history, saved, strict=True):
-            group.stencil.set_present(present)
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,7 @@ from gossamer_fx.core.checks.errors import (
 )
 from gossamer_fx.core.checks.strange_files import DAMAGED, check_inside, open_file
 from gossamer_fx.core.forms.backend import geometry_nodes
-from gossamer_fx.core.model.body import Attached, Body, MeshBody, Port, has_nodal_unknowns
+from gossamer_fx.core.model.body import Array, Attached, Body, MeshBody, Port, has_nodal_unknowns
 from gossamer_fx.records.outputs.output import (
     MEASURED,
     TOLERANCE,
@@ -71,7 +71,7 @@ from gossamer_fx.records.outputs.output import (
     make_parent,
 )
 from gossamer_fx.records.outputs.run_file import check_kind
-from gossamer_fx.solve.steppers.history import History
+from gossamer_fx.solve.steppers.history import History, SavedState, variables_of_data
 from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
@@ -402,7 +402,7 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
 
 
 # Number of the format; it changes with the contents of the files.
-FORMAT = 10
+FORMAT = 11
 
 # Of the bits that describe a member of a zip file: its bytes are encrypted.
 _ENCRYPTED = 1
@@ -681,7 +681,7 @@ class Checkpoints:
             "time before": system.unknowns.previous_time,
             "supplied": run.comm.allreduce(system.balance.supplied_energy),
             "run": run.get_history(),
-            "history": run.history.get_history(),
+            "history": run.history.variables_of_all_ranks(),
             "totals": run.totals.as_data(),
             "resultants": {
                 name: value.tolist() for name, value in system.balance.resultants().items()
@@ -762,22 +762,25 @@ def _restore(
     comm = run.comm
     compare(path, state["scene"], scene, changes)
     arrays = _load_on_all(run, path, state)
-    _restore_vectors(run, arrays)
-
-    system = run.system
-    system.unknowns.time = state["time"]
-    system.unknowns.previous_time = state["time before"]
-    # The checkpoint contains sums over its ranks.  Here, rank 0 adds them to its share.
+    # The checkpoint contains sums over its ranks.  Here, rank 0 has them as its share.
     share = float(comm.rank == 0)
     losses = state["totals"]["losses"]
-    system.balance.supplied_energy = share * state["supplied"]
+    balance = run.system.balance
     # Causes of losses that the scene or the checkpoint does not have begin, or remain, as they are.
-    causes = {**losses, **system.balance.losses}
-    system.balance.losses = {name: share * losses.get(name, 0.0) for name in causes}
-    run.history.set_history(state["history"])
+    causes = {**losses, **balance.losses}
+    saved = SavedState(
+        time=state["time"],
+        time_before=state["time before"],
+        vectors=_vectors(run, arrays),
+        cells=_cells(run, arrays),
+        variables=variables_of_data(state["history"]),
+        supplied_energy=share * state["supplied"],
+        losses={name: share * losses.get(name, 0.0) for name in causes},
+    )
+    run.history.restore(saved)
     run.set_history(state["run"])
     loads = state["resultants"].items()
-    system.balance.restored_resultants = {name: np.array(value) for name, value in loads}
+    balance.restored_resultants = {name: np.array(value) for name, value in loads}
     # Arguments that are meant to be others change the energies.
     if not changes:
         compare_energies(path, run.totals, state["totals"])
@@ -809,37 +812,41 @@ def _load_on_all(run: SteppedRun, path: Path, state: dict[str, Any]) -> dict[str
     return arrays
 
 
-def _restore_vectors(run: SteppedRun, arrays: dict[str, Any]) -> None:
-    """Set coordinates, velocities, other vectors and the history variables in cells.  Collective.
+def _vectors(run: SteppedRun, arrays: dict[str, Any]) -> dict[str, Array]:
+    """Coordinates, velocities and other vectors (n,) of this rank by name, from what all ranks have
+    loaded.  Collective.
 
     Args:
         arrays: what this rank has read, see `_load`; it may belong to nodes of any rank.
     """
     numbering = run.system.unknowns.numbering
     names_here = all_names(run.system)
+    found = {}
     for name, vector in run.history.vectors.items():
-        with vector as values:
-            for k, block in enumerate(numbering.blocks):
-                rows = fetch(
-                    run.comm,
-                    names=arrays[f"names {k}"],
-                    values=arrays[f"{name} {k}"],
-                    wanted=names_here[k],
-                    lacks=MISSING_NODES,
-                    twice=EQUAL_NAMES,
-                )
-                values[numbering.owned(k)] = rows.reshape(-1, block.size).ravel()
-    _restore_cells(run, arrays)
+        found[name] = np.array(vector.array_r)
+        for k, block in enumerate(numbering.blocks):
+            rows = fetch(
+                run.comm,
+                names=arrays[f"names {k}"],
+                values=arrays[f"{name} {k}"],
+                wanted=names_here[k],
+                lacks=MISSING_NODES,
+                twice=EQUAL_NAMES,
+            )
+            found[name][numbering.owned(k)] = rows.reshape(-1, block.size).ravel()
+    return found
 
 
-def _restore_cells(run: SteppedRun, arrays: dict[str, Any]) -> None:
-    """Set the history variables in cells from what all ranks have loaded.  Collective.
+def _cells(run: SteppedRun, arrays: dict[str, Any]) -> dict[str, Array]:
+    """The history variables (n,) in this rank's cells by name, from what all ranks have loaded.
+    Collective.
 
     Args:
         arrays: names of cells and their values that this rank has read, e.g. temperatures [K], for
             any cells.
     """
-    for name, (body, values) in run.history.cells.items():
+    found = {}
+    for name, (body, _) in run.history.cells.items():
         nothing = np.zeros(0, dtype=np.uint64)
         rows = fetch(
             run.comm,
@@ -849,7 +856,8 @@ def _restore_cells(run: SteppedRun, arrays: dict[str, Any]) -> None:
             lacks=MISSING_CELLS,
             twice=EQUAL_NAMES,
         )
-        values[:] = rows[:, 0]
+        found[name] = rows[:, 0]
+    return found
 
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:

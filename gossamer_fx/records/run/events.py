@@ -23,7 +23,7 @@ from gossamer_fx.core.checks.arguments import check_arguments, not_negative, pos
 from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.records.outputs.output import Probe, evaluate_probe, of_item
-from gossamer_fx.solve.steppers.history import History
+from gossamer_fx.solve.steppers.history import History, SavedState
 from gossamer_fx.solve.steppers.stepping import Stepping
 from gossamer_fx.solve.view import SteppedRun
 
@@ -116,10 +116,12 @@ class _StepWithEvents:
     Attributes:
         start: time at its start [s].
         before: values of the probes at its start.
+        state: the one at its start; None: nothing waits for an event.
     """
 
     start: float
     before: dict[When, float] = field(default_factory=dict)
+    state: SavedState | None = None
 
     @property
     def waiting(self) -> list[When]:
@@ -164,7 +166,7 @@ class EventMonitor:
                 step.before[event] = self._last[event]
         # A state that need not be restored need not be copied.
         if step.waiting:
-            self._history.commit()
+            step.state = self._history.save()
         stepping.advance(h)
         try:
             passed = self._passed(step.waiting)
@@ -172,8 +174,7 @@ class EventMonitor:
                 passed = self._locate(stepping, step, passed)
         except InputError:
             # The probe cannot be evaluated here: the state before the step is the last good one.
-            self._history.rollback()
-            self._last |= step.before
+            self._undo(step)
             raise
         tolerance = SAME_TIME * stepping.wanted
         arrived = [event for event in self._at if abs(run.time - event.time) <= tolerance]
@@ -268,21 +269,23 @@ class EventMonitor:
     ) -> list[When]:
         """Undo the step and make it again with another length; returns the events that it passes.
 
-        The state at the start of the step must be in `_history`; it is restored, with the values
-        that the probes had there (`_last`).
-
         Args:
             step: time [s] and values of the probes at the start of the step.
             length: of the step [s].
         """
         run = self._run
-        self._history.rollback()
-        self._last |= step.before
+        self._undo(step)
         # A step control may advance by less than it is asked to.
         end = step.start + length
         while (remaining := end - run.time) > STEP_ROUND_OFF * length:
             stepping.advance(remaining)
         return self._passed(step.waiting)
+
+    def _undo(self, step: _StepWithEvents) -> None:
+        """Return to the start of a step, before which events wait.  Collective."""
+        assert step.state is not None, "a step with waiting events begins with a saved state"
+        self._history.restore(step.state)
+        self._last |= step.before
 
     def _act(self, event: Event, words: str) -> None:
         """Log an event and call its action.  Collective."""

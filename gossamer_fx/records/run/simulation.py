@@ -211,12 +211,12 @@ class Simulation(SteppedRun):
     def _try_step(self) -> None:
         """Begin a step and undo it: errors of loads, valves and motions come before files are
         made."""
-        self.history.commit()
+        start = self.history.save()
         # Whether the first step converges is not of interest here.
         with suppress(NotConverged):
             self.system.equations.begin_step(self.stepping.wanted)
             self.system.equations.predict(self.system.unknowns.numbering.vector())
-        self.history.rollback()
+        self.history.restore(start)
 
     def _lock_files(self) -> FileLocks | None:
         """Lock all files and folders that this run writes; None if there are none.  Collective."""

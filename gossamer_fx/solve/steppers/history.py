@@ -1,47 +1,86 @@
-"""The complete state of a run between two steps, for checkpoints and for rejected steps."""
+"""The complete state of a run between two steps, as a record that does not change."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from petsc4py import PETSc
+import numpy as np
 
+from gossamer_fx.core.algebra.named_rows import NamedRows
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.terms.assembly import HistoryVariables, history_parts
 from gossamer_fx.solve.steppers.stepping import Carrier
 from gossamer_fx.solve.system.system import System
 
+# The vectors of a state of a body in motion; the others say how it came there.  The names are part
+# of the format of checkpoint files.
+MOTION = ("coordinates", "velocities")
+BEFORE = "coordinates before"
+REMAINDERS = "remainders of coordinates"
 
-class History:
-    """Saves and restores the state of a run: coordinates, with multipliers, velocities and all
-    history variables of system, terms, stepper and step control.
 
-    A step may be undone by `rollback` to the last `commit`; a checkpoint writes `vectors`, `cells`,
-    which have values (n,) in this rank's own cells, and `get_history()`.  Each is a dictionary by
-    name; vectors and cells are those of the run, not copies.
+@dataclass(frozen=True, eq=False)
+class SavedState:
+    """All on which the next step depends, on this rank.
+
+    Rejected steps, checkpoints, tapes of runs and searches for several equilibria go back to such
+    a record.
+
+    Attributes:
+        time: of the state [s].
+        time_before: at the start of the step that led to it [s].
+        vectors: values (n,) of this rank's unknowns by name, such as "coordinates" [m], with
+            multipliers, and "velocities" [m/s].
+        cells: values (n,) of this rank's cells by name, such as temperatures [K].
+        variables: history variables by the name of the object that has them, see
+            `HistoryVariables.get_history`.
+        supplied_energy: this rank's share of what was supplied since the start [J].
+        losses: this rank's share of what was lost since then [J], by name.
     """
 
-    def __init__(self, system: System, carriers: Iterable[Carrier]) -> None:
-        """Collect the vectors and history variables, the state that does not follow from
-        coordinates, e.g. rest angles of creases.  Nothing is copied before the first `commit`."""
-        self._system = system
-        # The names are part of the format of checkpoint files.
+    time: float
+    time_before: float
+    vectors: Mapping[str, Array]
+    cells: Mapping[str, Array]
+    variables: Mapping[str, Any]
+    supplied_energy: float
+    losses: Mapping[str, float]
+
+    def moved_by(self, change: Array) -> SavedState:
+        """The state with other coordinates, of which each of this rank's (n,) is changed [m], and
+        the same history."""
+        moved = self.vectors["coordinates"] + change
+        return replace(self, vectors={**self.vectors, "coordinates": moved})
+
+
+class History:
+    """Saves and restores the state of a system, with the history variables of terms, stepper and
+    step control, which do not follow from coordinates, e.g. rest angles of creases.
+
+    Attributes:
+        system: as given.
+        vectors, cells: those at work, by the names that they have in a `SavedState`; of cells the
+            body, and values (n,) of the cells that this rank owns.
+    """
+
+    def __init__(self, system: System, carriers: Iterable[Carrier] = ()) -> None:
+        """Collect what has a state; nothing is copied."""
+        self.system = system
         self.vectors = {
             "coordinates": system.unknowns.q0,
-            "remainders of coordinates": system.unknowns.increment.remainder,
+            REMAINDERS: system.unknowns.increment.remainder,
             "velocities": system.unknowns.v0,
-            "coordinates before": system.unknowns.previous,
+            BEFORE: system.unknowns.previous,
         }
         if system.unknowns.supports.forces is not None:
             # Else reactions after a restart were zero until the next step.
             self.vectors["reactions"] = system.unknowns.supports.forces
         self.cells: dict[str, tuple[MeshBody, Array]] = {}
-        self._variables: dict[str, HistoryVariables | Carrier] = {}
+        self._variables: dict[str, HistoryVariables] = {}
         self._find_carriers(carriers)
         self._find_terms()
-        self._committed: dict[str, PETSc.Vec] = {}
-        self._committed_cells: dict[str, Array] = {}
 
     def _find_carriers(self, carriers: Iterable[Carrier]) -> None:
         """Add the history variables of the stepper and of the step control."""
@@ -54,9 +93,9 @@ class History:
     def _find_terms(self) -> None:
         """Collect the objects with history variables, scalar unknowns, kinds of terms, and fields
         of terms, by names that are the same in each run of a scene."""
-        system = self._system
+        system = self.system
         for k, scalars in enumerate(system.equations.scalar_unknowns):
-            self._variables[f"scalar unknowns {k}"] = scalars
+            self._variables[name_of_scalars(k)] = scalars
         for compiled in system.equations.compiled_as(HistoryVariables):
             self._variables[type(compiled).__name__] = compiled
             self.cells |= compiled.cell_history()
@@ -65,46 +104,70 @@ class History:
             for what, part in history_parts(term).items():
                 self._variables[f"part {k} {what}"] = part
 
-    def get_history(self) -> dict[str, Any]:
-        """The history variables of each object that has some, by the object's name."""
-        return {name: variables.get_history() for name, variables in self._variables.items()}
+    def save(self, vectors: Sequence[str] | None = None) -> SavedState:
+        """The present state.  With `vectors` some of them only, as `MOTION`: it is then restored as
+        if it had been at rest there before."""
+        system = self.system
+        names = self.vectors if vectors is None else vectors
+        return SavedState(
+            time=system.unknowns.time,
+            time_before=system.unknowns.previous_time,
+            vectors={name: np.array(self.vectors[name].array_r) for name in names},
+            cells={name: values.copy() for name, (_, values) in self.cells.items()},
+            variables={name: one.get_history() for name, one in self._variables.items()},
+            supplied_energy=system.balance.supplied_energy,
+            losses=dict(system.balance.losses),
+        )
 
-    def set_history(self, state: dict[str, Any]) -> None:
-        """Restore what `get_history` returned, once `vectors` and `cells` are restored.
-        Collective."""
+    def restore(self, saved: SavedState) -> None:
+        """Make a saved state the present one; what the system derives from coordinates is computed
+        again.  Vectors that it lacks stay as they are.  Collective."""
+        unknowns = self.system.unknowns
+        for name, saved_values in saved.vectors.items():
+            self.vectors[name].array[:] = saved_values
+        for name, (_, values) in self.cells.items():
+            values[:] = saved.cells[name]
+        unknowns.time = saved.time
+        unknowns.previous_time = saved.time_before
+        self.system.balance.supplied_energy = saved.supplied_energy
+        # A copy, as the system changes its dictionary in place.
+        self.system.balance.losses = dict(saved.losses)
         # Quantities derived from the coordinates first: history variables may depend on them.
-        self._system.restart()
+        if BEFORE in saved.vectors:
+            self.system.restart()
+        else:
+            unknowns.previous_time = saved.time
+            unknowns.q0.copy(unknowns.previous)
+            self.system.equations.start_from(unknowns.q0, saved.time)
         for name, variables in self._variables.items():
             # A restart may bring a step control, which starts without a history.
-            if name in state or not isinstance(variables, Carrier):
-                variables.set_history(state[name])
+            if name in saved.variables or not isinstance(variables, Carrier):
+                variables.set_history(saved.variables[name])
 
-    def commit(self) -> None:
-        """Save the present state, which replaces the one saved before.  Collective."""
-        system = self._system
-        # Made at the first call only: a run without rejected steps needs no copies.
-        if not self._committed:
-            for name, vector in self.vectors.items():
-                self._committed[name] = vector.duplicate()
-        for name, vector in self.vectors.items():
-            vector.copy(self._committed[name])
-        for name, (_, values) in self.cells.items():
-            self._committed_cells[name] = values.copy()
-        self._times = (system.unknowns.previous_time, system.unknowns.time)
-        self._supplied_energy = system.balance.supplied_energy
-        # A copy, as the system changes its dictionary in place.
-        self._losses = dict(system.balance.losses)
-        self._state = self.get_history()
+    def variables_of_all_ranks(self) -> dict[str, Any]:
+        """The history variables of the present state for JSON, with the rows of all ranks: numbers,
+        words, lists and dictionaries, the same on every rank.  Collective."""
+        comm = self.system.comm
+        found: dict[str, Any] = {}
+        for name, variables in self._variables.items():
+            found[name] = {
+                key: value.of_all_ranks(comm).as_data() if isinstance(value, NamedRows) else value
+                for key, value in variables.get_history().items()
+            }
+        return found
 
-    def rollback(self) -> None:
-        """Restore the state of the last `commit`, in place, as often as wanted; what the system
-        derives from coordinates is computed again.  Collective."""
-        system = self._system
-        for name, vector in self.vectors.items():
-            self._committed[name].copy(vector)
-        for name, (_, values) in self.cells.items():
-            values[:] = self._committed_cells[name]
-        system.unknowns.previous_time, system.unknowns.time = self._times
-        system.balance.supplied_energy = self._supplied_energy
-        system.balance.losses = dict(self._losses)
-        self.set_history(self._state)
+
+def name_of_scalars(k: int) -> str:
+    """The name in `SavedState.variables` of the scalar unknowns with the number k in a scene."""
+    return f"scalar unknowns {k}"
+
+
+def variables_of_data(data: Mapping[str, Any]) -> dict[str, Any]:
+    """What `History.variables_of_all_ranks` returned, as variables of a `SavedState`."""
+    return {
+        name: {
+            key: NamedRows.of_data(value) if NamedRows.is_data(value) else value
+            for key, value in variables.items()
+        }
+        for name, variables in data.items()
+    }

@@ -55,7 +55,7 @@ from petsc4py import PETSc
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.solve.steppers.history import History
+from gossamer_fx.solve.steppers.history import History, SavedState
 from gossamer_fx.solve.steppers.stepping import Carrier, Control, Stepping, StepSolver, step_failure
 from gossamer_fx.solve.system.connected_parts import Labels, connected
 from gossamer_fx.solve.system.system import System
@@ -152,9 +152,10 @@ class ControlledSteps(Stepping, Carrier):
     def advance(self, h: float) -> None:
         """Make a step of h [s], or a shorter one where Newton's iteration fails or the local error
         is above its tolerance, and choose the `wanted` length of the next one.  Collective."""
+        start: SavedState | None = None
         if self._local_error:
             # The step may be undone.
-            self._history.commit()
+            start = self._history.save()
             self._local_error.begin_step()
         growth = self._control.max_factor
         measured = 0.0
@@ -175,7 +176,8 @@ class ControlledSteps(Stepping, Carrier):
                 if not error > self._tolerance:
                     factor = self._next_factor(iterations, error)
                     break
-                self._history.rollback()
+                assert start is not None, "without estimates no error is above its tolerance"
+                self._history.restore(start)
                 factor = max(self._factor_by_error(error), self._control.min_factor)
                 reason = f"its local error is above {self._tolerance:.3g} m"
             self.substeps += 1

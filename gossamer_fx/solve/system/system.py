@@ -68,21 +68,6 @@ class System:
         self.equations.start_from(unknowns.previous, start)
         self.equations.start_from(unknowns.q0, unknowns.time)
 
-    def restore(self, q: Array, v: Array, t: float) -> None:
-        """Set an earlier accepted state of this rank's coordinates q, with multipliers, and
-        velocities v (n,) at a time [s]: q0, q1 and `previous` become q.  History variables are set
-        by the caller (`Differentiable.load_history`); totals of energies do not change.
-        Collective."""
-        # On several ranks PETSc keeps what was dropped in the step that was restored before this.
-        PETSc.garbage_cleanup(self.comm)
-        unknowns = self.unknowns
-        unknowns.time = t
-        unknowns.previous_time = t
-        unknowns.v0.array[:] = v
-        unknowns.q0.array[:] = q
-        unknowns.q0.copy(unknowns.previous)
-        self.equations.start_from(unknowns.q0, t)
-
     def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
         """Set the system to the present step run backwards in time, for gradients of a run.
         Collective.
