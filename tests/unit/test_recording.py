@@ -243,7 +243,7 @@ def test_large_films_are_thinned_for_the_view(
     monkeypatch.setattr(
         "gossamer_fx.records.plot.viewer._MAX_VERTICES", 1
     )  # at least 100 a body are kept in any case
-    film, *_ = RunView(gx.plot.RunReader(recorded)).header([0])["meshes"][0]
+    film, *_ = RunView(gx.plot.RunReader(recorded)).header([0], [])["meshes"][0]
     assert len(b64decode(film["start"])) == 34 * 12
     from gossamer_fx.records.plot.viewer import _thinned
 

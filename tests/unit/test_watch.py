@@ -19,7 +19,8 @@ from base64 import b64decode
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.request import urlopen
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ DT = 1e-3
 class Fall:
     """A film that falls with a point on a spring, recorded at each step."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, fields: tuple[str, ...] = ()) -> None:
         self.folder = folder
         self.film = gx.Membrane(sheet(ALONE, 4, 4), WRINKLING, name="film")
         ball = gx.PointMass(1.0, position=(0.5, 0.5, 0.3), comm=ALONE, name="ball")
@@ -48,7 +49,14 @@ class Fall:
         self.run = gx.Simulation(
             gx.Scene(self.film, ball, leash, weight),
             gx.Midpoint(dt=DT),
-            outputs=[gx.Recording(folder, every=1, title="A <fall>")],
+            outputs=[
+                gx.Recording(
+                    folder,
+                    every=1,
+                    title="A <fall>",
+                    fields={"film": fields} if fields else None,
+                )
+            ],
         )
 
     def go(self, steps: int) -> None:
@@ -260,6 +268,121 @@ def test_a_notebook_shows_the_page_in_a_frame(watch: gx.plot.Watch) -> None:
     assert f'src="{watch.address}"' in watch._repr_html_()
 
 
+def points(values: np.ndarray, pieces: np.ndarray, points: int) -> np.ndarray:
+    """Means at points of values (n, 3) at the corners of triangles."""
+    sums = np.zeros(points)
+    np.add.at(sums, pieces.ravel(), values.ravel())
+    return sums / np.bincount(pieces.ravel(), minlength=points)
+
+
+def test_components_of_vectors_are_the_same_in_the_view_and_in_pictures(
+    tmp_path: Path,
+) -> None:
+    """Of displacements and velocities; the normal is that of the deformed film."""
+    fall = Fall(tmp_path / "run", fields=("displacement", "velocity"))
+    fall.go(20)
+    watch = gx.plot.Watch(fall.folder)
+    news = ask(watch.address + "progress")
+    header = ask(f"{watch.address}header/{news['version']}")
+    reader = gx.plot.RunReader(fall.folder)
+    mesh, step = reader.bodies["film"].at(20)
+    for name, field in (("Displacement", "displacement"), ("Speed", "velocity")):
+        number = header["fields"].index(name)
+        shown = header["components"][str(number)]
+        assert [one for one, _ in shown] == ["magnitude", "x", "y", "z", "normal"]
+        vectors = mesh.components(field, step)
+        for end, part in shown[1:]:
+            state = ask(f"{watch.address}state/{news['version']}/20/{part}")
+            values = rows(state["values"][str(part)][0])[:, 0]
+            [of_picture] = reader.values(f"{field}_{end}", 20)
+            about = header["meshes"][0][0]
+            pieces = np.frombuffer(b64decode(about["pieces"]), dtype="<u4").reshape(-1, 3)
+            expected = points(of_picture, pieces, len(values))
+            assert values == pytest.approx(expected, abs=np.ptp(expected) / 3e4 + 1e-15)
+            if end in "xyz":
+                at_corners = vectors[mesh.pieces, "xyz".index(end)]
+                assert of_picture == pytest.approx(at_corners, abs=1e-15)
+            legend = ask(f"{watch.address}legend/{news['version']}/{part}")
+            assert legend["name"] == header["fields"][part]
+            assert legend["unit"].endswith("m/s" if field == "velocity" else "m")
+    # A flat film that falls along its normal has no other component along it.
+    [normal] = reader.values("displacement_normal", 1)
+    [z] = reader.values("displacement_z", 1)
+    assert abs(normal) == pytest.approx(abs(z), rel=1e-3)
+    with pytest.raises(gx.InputError, match="and displacement_x and velocity_x for a component"):
+        reader.check_field("displacement_w")
+    watch.stop()
+
+
+def test_a_point_has_its_history_in_all_states(
+    fall: Fall, watch: gx.plot.Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of more than a hundred; the server answers in parts, so that others need not wait."""
+    fall.go(130)
+    news = ask(watch.address + "progress")
+    version = news["version"]
+    header = ask(f"{watch.address}header/{version}")
+    number = header["fields"].index("Displacement along z")
+    X = np.frombuffer(b64decode(header["meshes"][0][0]["X"]), dtype="<f8").reshape(-1, 3)
+    point = int(np.linalg.norm(X - (0.5, 0.5, 0.0), axis=1).argmin())
+    found: list[float] = []
+    while len(found) < 131:
+        path = f"history/{version}/{number}/0/0/0/{point}/{len(found)}"
+        answer = ask(watch.address + path)
+        assert answer["isField"] and answer["values"]
+        found += answer["values"]
+    reader = gx.plot.RunReader(fall.folder)
+    for record in (0, 60, 130):
+        mesh, step = reader.bodies["film"].at(record)
+        nearest = int(np.linalg.norm(mesh.X - X[point], axis=1).argmin())
+        fallen = mesh.components("displacement", step)[nearest, 2]
+        assert found[record] == pytest.approx(fallen, rel=1e-9, abs=1e-15)
+    # A ball has no field, so that its height is told.
+    answer = ask(f"{watch.address}history/{version}/{number}/0/2/0/0/130")
+    assert answer == {"values": [pytest.approx(reader.dots(130 * DT)[0, 2])], "isField": False}
+    monkeypatch.setattr("gossamer_fx.records.plot.watch._HISTORY_SECONDS", 0.0)
+    assert len(ask(f"{watch.address}history/{version}/{number}/0/0/0/0/0")["values"]) == 1
+    token = watch.address.rstrip("/").rpartition("/")[2]
+    for words in ("99/0/0/0/0/0", "0/9/0/0/0/0", "0/0/9/0/0/0", "0/0/0/999/0/0", "0/0/0/0/999/0"):
+        assert code_of(watch, f"/{token}/history/{version}/{words}") == 404, words
+    assert code_of(watch, f"/{token}/history/{version}/0/0/0/0/0/131") == 404
+
+
+def asked_to_stop(path: str, origin: str = "") -> int:
+    """The number of the answer to a request to stop, from a page of an origin."""
+    request = Request(path, data=b"", headers={"Origin": origin} if origin else {}, method="POST")
+    try:
+        with urlopen(request) as answer:
+            return int(answer.status)
+    except HTTPError as error:
+        return error.code
+
+
+def test_only_the_page_itself_stops_a_run(fall: Fall, watch: gx.plot.Watch) -> None:
+    """With its token, from its own origin, once, and only where there is something to stop."""
+    assert asked_to_stop(f"{watch.address}stop") == 404
+    assert not ask(watch.address + "progress")["canStop"]
+    calls: list[str] = []
+    stoppable = gx.plot.Watch(fall.folder, on_stop=lambda: calls.append("stopped"))
+    home = stoppable.address.rpartition("/")[0].rpartition("/")[0]
+    for path, origin, code in (
+        (f"{home}/stop", "", 403),
+        (f"{home}/x/stop", "", 403),
+        (f"{stoppable.address}stop", "http://example.org", 403),
+        (f"{stoppable.address}stop", "null", 403),
+        (f"{stoppable.address}state", "", 404),
+    ):
+        assert asked_to_stop(path, origin) == code, path
+    # A link is a GET, which stops nothing.
+    token = stoppable.address.rstrip("/").rpartition("/")[2]
+    assert code_of(stoppable, f"/{token}/stop") == 404 and not calls
+    assert asked_to_stop(f"{stoppable.address}stop", home) == 200
+    assert asked_to_stop(f"{stoppable.address}stop", home) == 404
+    assert calls == ["stopped"]
+    assert "stopped from the view" in ask(stoppable.address + "progress")["status"]
+    stoppable.stop()
+
+
 SCENE = """
 import gossamer_fx as gx
 from mpi4py import MPI
@@ -292,6 +415,41 @@ def test_the_command_runs_a_scene_and_ends_with_it(tmp_path: Path) -> None:
     assert list((tmp_path / "here" / "checkpoints").iterdir())
     with pytest.raises(OSError):
         ask(address[0] + "progress")
+
+
+def test_a_run_is_stopped_from_the_view(tmp_path: Path) -> None:
+    """It ends with its step and a checkpoint, and can be gone on with; the view stays."""
+    (tmp_path / "swing.py").write_text(SCENE)
+    words = ["watch", "swing.py", "until=900.0", "--quiet", "--output", "here"]
+    command = [sys.executable, "-P", "-m", "gossamer_fx", *words]
+    program = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        env=child_environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert program.stdout is not None
+    address = re.search(r"http\S+", program.stdout.readline())
+    assert address is not None
+    news: dict[str, Any] = {"labels": []}
+    while len(news["labels"]) < 3 and program.poll() is None:
+        news = ask(address[0] + "progress")
+        time.sleep(0.1)
+    assert news["canStop"]
+    assert asked_to_stop(f"{address[0]}stop") == 200
+    assert "stopped from the view" in program.stdout.readline()
+    assert "the run has ended" in program.stdout.readline()
+    news = ask(address[0] + "progress")
+    assert news["status"].startswith("stopped from the view: ") and not news["canStop"]
+    program.send_signal(signal.SIGINT)
+    said = program.communicate(timeout=60)[1]
+    assert program.returncode == 130
+    assert "go on with: ./gossamer run swing.py" in said and "Traceback" not in said
+    assert list((tmp_path / "here" / "checkpoints").iterdir())
+    rows_written = gx.plot.RunReader(tmp_path / "here").table("ledger.csv")["step"]
+    assert len(rows_written) > 3
 
 
 def test_the_command_refuses_what_it_cannot_show(tmp_path: Path) -> None:
@@ -512,6 +670,55 @@ def test_a_field_is_read_in_the_view(
     assert page.is_hidden("#copying") and "Click on a point" in page.inner_text("#picked")
     assert page.inner_text("#extreme-words") == ""
     page.close()
+
+
+def test_components_are_chosen_and_a_film_is_saved(
+    fall: Fall, watch: gx.plot.Watch, browser: Any, tmp_path: Path
+) -> None:
+    """Also in a report, which has no server; all states of the run are in the film."""
+    fall.go(20)
+    report = tmp_path / "report.html"
+    gx.write_report(gx.plot.RunReader(fall.folder), report)
+    for address in (watch.address, report.as_uri()):
+        page = opened(browser, address)
+        page.wait_for_selector("#time[max='20']", timeout=30_000)
+        assert page.is_hidden("#component")
+        page.select_option("#field", label="Displacement")
+        assert page.is_visible("#component")
+        page.select_option("#component", label="z")
+        page.wait_for_selector("#view[data-field='Displacement along z']")
+        assert "Displacement along x" not in page.inner_text("#field")
+        page.select_option("#speed", label="× 4")
+        set_slider(page, "#time", 3)
+        with page.expect_download(timeout=60_000) as download:
+            page.click("#film")
+        assert download.value.suggested_filename == "A_fall.webm"
+        content = Path(download.value.path()).read_bytes()
+        # The first bytes of WebM.
+        assert content[:4] == b"\x1a\x45\xdf\xa3" and len(content) > 10_000
+        page.wait_for_selector("#view[data-record='3']")
+        assert page.inner_text("#film") == "Save film"
+        page.select_option("#field", index=0)
+        page.wait_for_selector("#component", state="hidden")
+        page.close()
+
+
+def test_a_browser_stops_a_run_with_two_clicks(fall: Fall, browser: Any) -> None:
+    fall.go(2)
+    calls: list[str] = []
+    watch = gx.plot.Watch(fall.folder, on_stop=lambda: calls.append("stopped"))
+    about = json.loads((fall.folder / "run.json").read_text())
+    (fall.folder / "run.json").write_text(json.dumps(about | {"status": "running"}))
+    page = opened(browser, watch.address)
+    page.wait_for_selector("#stop:visible")
+    page.click("#stop")
+    assert "Stop?" in page.inner_text("#stop") and not calls
+    page.click("#stop")
+    page.wait_for_selector("#stop", state="hidden")
+    assert calls == ["stopped"]
+    page.wait_for_selector("#status:has-text('stopping')")
+    page.close()
+    watch.stop()
 
 
 def test_one_state_has_no_playback(fall: Fall, browser: Any, tmp_path: Path) -> None:

@@ -336,7 +336,12 @@ def _parser() -> argparse.ArgumentParser:
         "plot", help="pictures of a run: by default its films at six times, and curves"
     )
     plot.add_argument("run", type=Path, help="folder of a run")
-    plot.add_argument("-f", "--field", help="state, displacement, stress1, strain2, pressure, ...")
+    plot.add_argument(
+        "-f",
+        "--field",
+        help="state, stress1, pressure, displacement and its components displacement_x, _y, _z and "
+        "_normal, velocity, ...",
+    )
     plot.add_argument("-t", "--time", type=float, nargs="+", metavar="T", help="at these times [s]")
     plot.add_argument(
         "-s", "--strip", type=_positive, metavar="N", help="at N times, evenly spread"

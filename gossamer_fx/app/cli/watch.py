@@ -20,7 +20,8 @@ def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> 
     """Show a run in the browser until Ctrl-C: `gossamer watch`.
 
     A scene file is run by another process, which does not wait for the browser; Ctrl-C ends both,
-    the run with its step and a checkpoint.
+    the run with its step and a checkpoint.  A button of the view ends the run alone, in the same
+    way.
 
     Args:
         what: a scene file, or the folder of a run.
@@ -28,7 +29,7 @@ def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> 
         others: further words for `gossamer run`.
 
     Returns:
-        Exit code of the run, or 0 if it had ended by itself before Ctrl-C.
+        Exit code of the run, or 0 if it had ended by itself.
 
     Raises:
         InputError: there is no run in the folder, or words of run follow it.
@@ -43,14 +44,33 @@ def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> 
         folder = output or Path("out") / what.stem
     from gossamer_fx.records.plot.watch import Watch
 
-    server = Watch(folder, port=port, must_exist=not is_scene)
-    print(f"gossamer: look at {server.address} until Ctrl-C", flush=True)
     stopped = Event()
+    stopped_from_view = Event()
     run: subprocess.Popen[bytes] | None = None
+
+    def stop_run() -> None:
+        """Let the run end with its step, as Ctrl-C does; the server calls it."""
+        if run is None or run.poll() is not None:
+            return
+        stopped_from_view.set()
+        print("gossamer: stopped from the view; the run ends with its step", flush=True)
+        run.send_signal(signal.SIGINT)
+
+    server = Watch(
+        folder,
+        port=port,
+        must_exist=not is_scene,
+        on_stop=stop_run if is_scene else None,
+    )
+    print(f"gossamer: look at {server.address} until Ctrl-C", flush=True)
 
     def stop(number: int, frame: FrameType | None) -> None:
         """End the view, and hand the signal on to the run, which ends with its step."""
+        # A second signal would break a run off that the view has stopped already.
+        is_first = not stopped.is_set()
         stopped.set()
+        if is_first and stopped_from_view.is_set():
+            return
         if run is not None and run.poll() is None:
             run.send_signal(number)
 
@@ -72,7 +92,7 @@ def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> 
             return code
         if not stopped.is_set():
             print("gossamer: the run has ended; Ctrl-C ends the view", flush=True)
-    ended = stopped.is_set()
+    ended = stopped.is_set() or stopped_from_view.is_set()
     stopped.wait()
     server.stop()
     return code if ended else 0

@@ -40,8 +40,22 @@ _FIELDS = {
     "wrinkle_direction": ("Direction of the wrinkles", ""),
     "group": ("Parts of the films", ""),
 }
-NAMES = {field: name for field, (name, _) in _FIELDS.items()}
-UNITS = {field: unit for field, (_, unit) in _FIELDS.items()}
+# Vectors, of which pictures show the length or one component, e.g. "displacement_z".
+VECTOR_FIELDS = ("displacement", "velocity")
+# Components by the end of their names; the normal is that of the deformed film.
+COMPONENTS = {
+    "x": "along x",
+    "y": "along y",
+    "z": "along z",
+    "normal": "along the normal of the film",
+}
+_OF_COMPONENTS = {
+    f"{vector}_{component}": (f"{vector.capitalize()} {words}", _FIELDS[vector][1])
+    for vector in VECTOR_FIELDS
+    for component, words in COMPONENTS.items()
+}
+NAMES = {field: name for field, (name, _) in (_FIELDS | _OF_COMPONENTS).items()}
+UNITS = {field: unit for field, (_, unit) in (_FIELDS | _OF_COMPONENTS).items()}
 
 # Fields that cables and beams have, and films do not.
 LINE_FIELDS = ("tension", "axial_strain")
@@ -52,6 +66,20 @@ _TAKES_PREFIX = re.compile(r"(?!kg)[^\W\d²³⁴]+(?![²³⁴^\d])(?=\W|$)")
 _EXPONENT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PLAIN_NUMBERS = (1e-2, 1e4)  # between which pure numbers are written as they are
 _ROUND_OFF = 1e-9  # of a factor: 0.9999999999 is written as 1, not as 1000 of the smaller unit
+
+
+def split_component(field: str) -> tuple[str, str]:
+    """The recorded field and the component that a name asks for, which is empty for the field
+    itself.
+
+    Example:
+        `split_component("displacement_z")` is `("displacement", "z")`, `split_component("stress1")`
+        is `("stress1", "")`.
+    """
+    if field in _OF_COMPONENTS:
+        vector, _, component = field.rpartition("_")
+        return vector, component
+    return field, ""
 
 
 def with_unit(field: str) -> str:

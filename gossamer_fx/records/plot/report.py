@@ -72,7 +72,7 @@ VIEW = """
 <div id="viewer"><div id="stage"><canvas id="view" tabindex="0"></canvas><canvas id="overlay"></canvas></div>
 <div class="bar"><button id="play">Play</button><label>Speed <select id="speed"></select></label><input id="time" type="range" min="0" value="0">
 <span id="time-label"></span></div>
-<div class="bar"><label>Colour <select id="field"></select></label><span id="legend"></span>
+<div class="bar"><label>Colour <select id="field"></select> <select id="component" hidden aria-label="Component"></select></label><span id="legend"></span>
 <span id="range"><label>from <input id="low" type="number" step="any" placeholder="least"></label> <label>to <input id="high" type="number" step="any" placeholder="largest"></label>
 <label><input id="log" type="checkbox"> log</label> <label><input id="extremes" type="checkbox"> extremes</label></span></div>
 <p id="extreme-words" class="status"></p>
@@ -80,7 +80,7 @@ VIEW = """
 <label>Cut <select id="cut"></select></label><input id="depth" type="range" min="0" max="1000" value="500" hidden><span id="depth-label"></span>
 <label><input id="follow" type="checkbox"> move along</label><label><input id="light" type="checkbox" checked> light</label><label><input id="edges" type="checkbox"> edges</label></div>
 <div class="bar"><button id="home">Show all</button><button id="look-iso">Oblique</button><button id="look-x">Along x</button><button id="look-y">Along y</button>
-<button id="look-z">Along z</button><button id="picture">Save picture</button></div>
+<button id="look-z">Along z</button><button id="picture">Save picture</button><button id="film">Save film</button></div>
 <div class="bar" id="parts"></div>
 <p id="picked" class="status">Click on a point for its values. Drag to turn, shift-drag to move, wheel to zoom.</p>
 <div class="bar" id="copying" hidden><input id="probe" readonly><button id="copy">Copy probe</button></div></div>

@@ -21,7 +21,15 @@ from gossamer_fx.core.mesh.linear_pieces import linear_pieces, middles
 from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import SLACK
-from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, scaled_axis, with_unit
+from gossamer_fx.records.fields.units import (
+    COMPONENTS,
+    LINE_FIELDS,
+    NAMES,
+    VECTOR_FIELDS,
+    scaled_axis,
+    split_component,
+    with_unit,
+)
 from gossamer_fx.records.outputs.recording import REST, placed
 from gossamer_fx.records.outputs.run_file import file_name
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
@@ -212,7 +220,7 @@ class RunReader(RunTables):
         """Raise `InputError` for a field that the run does not have.
 
         Args:
-            field: name of a field, e.g. "stress1".
+            field: name of a field, e.g. "stress1", or of a component, e.g. "displacement_z".
 
         Raises:
             InputError: names the fields that were recorded.
@@ -223,10 +231,16 @@ class RunReader(RunTables):
             remedy = "the direction of tension is not drawn"
         elif field in NAMES:
             remedy = "if a body of the scene has it, record it by gx.Recording(folder, fields=...)"
+        recorded, _ = split_component(field)
+        vectors = [f"{name}_x" for name in VECTOR_FIELDS if name in known]
+        components = ""
+        if vectors:
+            ends = ", ".join(f"_{end}" for end in COMPONENTS)
+            components = f" (and {' and '.join(vectors)} for a component, with {ends})"
         check(
-            field in known,
+            recorded in known,
             f"The run in '{self.folder}' has no field {field!r}; its fields are: "
-            f"{', '.join(known)}; {remedy}.",
+            f"{', '.join(known)}{components}; {remedy}.",
         )
 
     def check_part(self, field: str, part: str) -> None:
@@ -236,7 +250,7 @@ class RunReader(RunTables):
             field: that the run has.
             part: name of a film or line.
         """
-        names = [name for name in self.bodies if field in self.fields[name]]
+        names = [name for name in self.bodies if self.has_field(name, field)]
         if field == "tension":
             names += self._lines_with_means()
         check(
@@ -246,8 +260,13 @@ class RunReader(RunTables):
         )
 
     def has_field(self, name: str, field: str, part: str = "") -> bool:
-        """Whether a body has a field and is the wanted part; with an empty `part` any body is."""
-        return field in self.fields[name] and part in ("", name)
+        """Whether a body has a field and is the wanted part; with an empty `part` any body is.
+
+        Lines have no component along a normal.
+        """
+        recorded, component = split_component(field)
+        is_defined = component != "normal" or self.bodies[name].is_film
+        return recorded in self.fields[name] and is_defined and part in ("", name)
 
     def has_slack(self, record: int, part: str = "") -> bool:
         """Whether film, or that of a part, is slack in a recorded state."""
@@ -257,7 +276,8 @@ class RunReader(RunTables):
     @check_arguments
     def values(self, field: str, record: int, part: str = "") -> list[Array]:
         """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
-        vectors.  Of a field of lines they are the values (n, 2) at the ends of the pieces of each.
+        vectors, unless a component is asked for, e.g. "displacement_z".  Of a field of lines they
+        are the values (n, 2) at the ends of the pieces of each.
 
         Args:
             record: number of the recorded state, see `record_at`.
@@ -556,8 +576,15 @@ class RecordedMesh:
 
     def at_corners(self, field: str, step: int) -> Array:
         """Values of a field at the corners of the pieces at a step, of the shape of `pieces`; of
-        vectors their lengths."""
-        values = self.components(field, step)
+        vectors their lengths, or the component that the name asks for."""
+        recorded, component = split_component(field)
+        values = self.components(recorded, step)
+        if component == "normal":
+            corners = self.positions(step)[self.pieces]
+            normals = smooth_normals(corners, self.vertices)
+            return (values[self.pieces] * normals).sum(axis=2)
+        if component:
+            return values[self.pieces, "xyz".index(component)]
         if values.ndim == 2:
             values = np.linalg.norm(values, axis=1)
         if with_unit(field) in self.grid(step).arrays:

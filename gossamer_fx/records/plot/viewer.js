@@ -4,7 +4,7 @@
   const $ = id => document.getElementById(id);
   const canvas = $("view");
   if (!canvas) return; // a run with curves only
-  const slider = $("time"), chooser = $("field"), factor = $("factor"), cut = $("cut"), depth = $("depth");
+  const slider = $("time"), chooser = $("field"), component = $("component"), factor = $("factor"), cut = $("cut"), depth = $("depth");
   const given = JSON.parse($("run-data").textContent);
   let renderer;
   try {
@@ -19,8 +19,8 @@
 
   const unpacked = curves.unpacked;
 
-  async function ask(path) {
-    const answer = await fetch(path, { cache: "no-store" });
+  async function ask(path, method = "GET") {
+    const answer = await fetch(path, { method, cache: "no-store" });
     if (!answer.ok) throw new Error(`the server answers ${answer.status}`);
     const data = await answer.json();
     if (data.message) throw new Error(data.message);
@@ -131,7 +131,7 @@
       box.onchange = () => {
         part.object.visible = box.checked;
         hidden[box.checked ? "delete" : "add"](part.name);
-        if (!box.checked && picked && picked.name === part.name) { picked = null; history(); }
+        if (!box.checked && picked && picked.name === part.name) { picked = null; attempt(history); }
         tell();
         findExtremes();
         draw();
@@ -238,12 +238,22 @@
     }
   }
 
+  // The number of the field that is shown: of a vector that of its length or of a component.
+  const fieldNow = () => Number(component.hidden ? chooser.value : component.value);
+  // What can be shown of the chosen field, if it is a vector; another one keeps the axis.
+  function listComponents() {
+    const found = header.components[chooser.value] || [], before = component.selectedIndex;
+    component.replaceChildren(...found.map(([name, number]) => new Option(name, number)));
+    component.hidden = !found.length;
+    if (found.length) component.selectedIndex = Math.max(before, 0);
+  }
+
   let shown = null; // the state on the screen
   async function show() {
-    const record = Number(slider.value), field = Number(chooser.value);
+    const record = Number(slider.value), field = fieldNow();
     if (!header || !header.labels.length) return;
     const [state, colours] = [await stateOf(record, field), header.fields.length ? await legendOf(field) : null];
-    if (record !== Number(slider.value) || field !== Number(chooser.value)) return; // another one was asked for
+    if (record !== Number(slider.value) || field !== fieldNow()) return; // another one was asked for
     if (colours !== legend) { legend = colours; explain(); }
     const isFirst = !centre;
     if (state.mesh !== mesh) build(state.mesh);
@@ -310,6 +320,9 @@
     pen.moveTo(right - length * scale, bottom);
     pen.lineTo(right, bottom);
     pen.stroke();
+    const time = header.labels[Number(canvas.dataset.record)] || "";
+    const isTight = legend && legend.smooth && pen.measureText(time + legend.name + legend.unit).width > wide - 60;
+    pen.fillText(time, 14, isTight ? 36 : 18);
     pen.textAlign = "right";
     const [unit, name] = [[1e3, "km"], [1, "m"], [1e-2, "cm"], [1e-3, "mm"]].find(one => length >= one[0] * 0.999) || [1e-6, "µm"];
     pen.fillText(`${digits(length / unit, 3)} ${name}`, right, bottom - 5);
@@ -357,27 +370,41 @@
     $("extreme-words").textContent = words.join("\n");
   }
 
-  // The value of the picked point, or its height, in all states: a curve next to the others.
-  let asked = 0;
+  // The value of the picked point, or its height, in all states: a curve next to the others.  It is drawn while it is read,
+  // and goes on where the run has grown.
+  let asked = 0, trace = { key: "", values: [], isField: false };
   async function history() {
     const turn = ++asked;
-    curves.extra(null);
-    if (!picked || !header || header.labels.length < 2) return;
-    const { name, piece, point } = picked, field = Number(chooser.value), count = header.labels.length;
-    const records = [...new Set(Array.from({ length: Math.min(count, MOST_STATES) }, (_, i) => Math.round(i * (count - 1) / Math.max(Math.min(count, MOST_STATES) - 1, 1))))];
-    const numbers = [];
-    for (const record of records) {
-      const state = await stateOf(record, field), at = (state.mesh === mesh ? parts : []).findIndex(part => part.name === name);
-      if (turn !== asked) return;
-      const values = at < 0 ? null : (state.values[field] || [])[at];
-      let value = NaN;
-      if (values) value = values.numbers[values.atPoints ? point : piece] / (legend && legend.smooth ? legend.factor : 1);
-      else if (at >= 0) value = parts[at].start[3 * point + 2] + state.moved[at][3 * point + 2];
-      numbers.push([record, value, Boolean(values)]);
+    if (!picked || !header || header.labels.length < 2) { curves.extra(null); return; }
+    const part = header.meshes[mesh].findIndex(one => one.name === picked.name), field = fieldNow();
+    if (part < 0) { curves.extra(null); return; }
+    const words = [version, field, mesh, part, picked.piece, picked.point].join("/");
+    if (trace.key !== words) {
+      trace = { key: words, values: [], isField: false };
+      curves.extra(null);
     }
-    const isField = numbers.some(one => one[2]);
-    const title = isField && legend ? `${legend.name}${legend.unit ? ` [${legend.unit}]` : ""} at the point of ${name}` : `z [m] of ${name}`;
-    curves.extra(title, numbers.map(([record, value]) => [record, value]));
+    while (trace.values.length < header.labels.length) {
+      const first = trace.values.length;
+      const more = given.states ? await valueInPage(first, field, part) : await ask(`history/${words}/${first}`);
+      if (turn !== asked) return; // another point was picked
+      trace.values.push(...more.values.map(one => one ?? NaN));
+      trace.isField ||= more.isField;
+      if (!given.states || trace.values.length === header.labels.length) drawHistory();
+    }
+  }
+  async function valueInPage(record, field, part) {
+    const state = await stateOf(record, field);
+    if (state.mesh !== mesh) return { values: [NaN], isField: false };
+    const values = (state.values[field] || [])[part];
+    if (values) return { values: [values.numbers[values.atPoints ? picked.point : picked.piece]], isField: true };
+    const height = 3 * picked.point + 2;
+    return { values: [parts[part].start[height] + state.moved[part][height]], isField: false };
+  }
+  function drawHistory() {
+    const isField = trace.isField && legend, scale = isField && legend.smooth ? legend.factor : 1;
+    const unit = isField && legend.unit ? ` [${legend.unit}]` : "";
+    const title = isField ? `${legend.name}${unit} at the point of ${picked.name}` : `z [m] of ${picked.name}`;
+    curves.extra(title, trace.values.map((value, record) => [record, value / scale]));
   }
 
   // Look along an axis, from a side.
@@ -451,7 +478,7 @@
       }
     }
     tell();
-    history();
+    attempt(history);
     draw();
   }
 
@@ -517,8 +544,8 @@
       const began = performance.now();
       slider.value = Number(slider.value) >= Number(slider.max) ? 0 : Number(slider.value) + 1;
       await attempt(show);
-      const pause = 80 / (Number($("speed").value) || 1);
-      await new Promise(done => setTimeout(done, Math.max(pause - performance.now() + began, 0)));
+      const pause = FRAME / (Number($("speed").value) || 1);
+      await wait(pause - performance.now() + began);
     }
   }
   async function attempt(action) {
@@ -538,25 +565,74 @@
   $("speed").append(...[0.25, 0.5, 1, 2, 4].map(one => new Option(`× ${one}`, one, one === 1, one === 1)));
   $("play").onclick = play;
   slider.oninput = showNow;
-  chooser.onchange = () => {
+  chooser.onchange = component.onchange = event => {
+    if (event.target === chooser) listComponents();
     for (const one of ["low", "high"]) $(one).value = "";
     $("log").checked = false;
     attempt(show).then(() => attempt(history));
   };
   for (const one of ["low", "high", "log", "light", "edges", "extremes"]) $(one).oninput = showNow;
   for (const one of ["iso", "x", "y", "z"]) $(`look-${one}`).onclick = () => look(one);
-  $("picture").onclick = () => {
+  // The view with what is drawn over it, in the size of a sheet; film and picture are the same.
+  function copyTo(sheet) {
     draw(); // the browser forgets the picture when it has shown it
-    const whole = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height }), pen = whole.getContext("2d");
-    pen.drawImage(canvas, 0, 0);
-    pen.drawImage($("overlay"), 0, 0, whole.width, whole.height);
-    const name = `${document.title} ${header.labels[Number(slider.value)] || ""}`.replace(/[^\w.=-]+/g, "_");
-    whole.toBlob(blob => {
-      const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: `${name}.png` });
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-    });
+    const pen = sheet.getContext("2d");
+    pen.fillStyle = "#fff";
+    pen.fillRect(0, 0, sheet.width, sheet.height);
+    for (const layer of [canvas, $("overlay")]) pen.drawImage(layer, 0, 0, sheet.width, sheet.height);
+  }
+  const newSheet = () => Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
+  function save(blob, words, ending) {
+    const name = words.replace(/[^\w.=-]+/g, "_").replace(/^_|_$/g, "");
+    const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: `${name || "view"}.${ending}` });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  }
+  $("picture").onclick = () => {
+    const sheet = newSheet();
+    copyTo(sheet);
+    sheet.toBlob(blob => save(blob, `${document.title} ${header.labels[Number(slider.value)] || ""}`, "png"));
   };
+
+  // ---- film: all states from the first to the last, at the chosen speed ----
+  const FRAME = 80, MOST_FRAMES = 250; // pause of a frame [ms] at speed 1, and 20 s
+  const kind = ["video/webm;codecs=vp9", "video/webm", "video/mp4"].find(one => window.MediaRecorder && MediaRecorder.isTypeSupported(one));
+  const wait = pause => new Promise(done => setTimeout(done, Math.max(pause, 0)));
+  let isFilming = false;
+  async function saveFilm() {
+    if (isFilming) { isFilming = false; return; } // the second click ends it
+    if (isPlaying) await play();
+    isFilming = true;
+    $("film").textContent = "End film";
+    const sheet = newSheet(), last = Number(slider.max), frames = Math.min(last + 1, MOST_FRAMES), found = [], before = slider.value;
+    copyTo(sheet);
+    const recorder = new MediaRecorder(sheet.captureStream(), { mimeType: kind, videoBitsPerSecond: 8e6 });
+    recorder.ondataavailable = event => found.push(event.data);
+    const hasStopped = new Promise(done => { recorder.onstop = done; });
+    const pause = FRAME / (Number($("speed").value) || 1);
+    try {
+      for (let frame = 0; frame < frames && isFilming; frame++) {
+        const began = performance.now();
+        slider.value = Math.round(frame * last / (frames - 1));
+        await show();
+        copyTo(sheet);
+        if (!frame) recorder.start();
+        await wait(pause - performance.now() + began);
+      }
+      await wait(500); // the last one is seen, too, where drawing is slow
+      if (recorder.state === "recording") {
+        recorder.stop();
+        await hasStopped;
+        save(new Blob(found, { type: kind }), document.title, kind.slice(6).split(";")[0]);
+      }
+    } finally {
+      isFilming = false;
+      $("film").textContent = "Save film";
+    }
+    slider.value = before;
+    await show();
+  }
+  $("film").onclick = () => attempt(saveFilm);
   factor.oninput = $("follow").onchange = showNow;
   cut.append(...["", "x <", "x >", "y <", "y >", "z <", "z >"].map(words => new Option(words ? `keep ${words}` : "none", words.replace(" ", ""))));
   cut.onchange = depth.oninput = setPlane;
@@ -577,9 +653,10 @@
 
   function setHeader(found) {
     header = found;
-    const field = chooser.value;
-    chooser.replaceChildren(...header.fields.map((name, i) => new Option(name, i)));
+    const field = chooser.value, partial = new Set(Object.values(header.components).flatMap(found => found.slice(1).map(one => one[1])));
+    chooser.replaceChildren(...header.fields.map((name, i) => new Option(name, i)).filter((_, i) => !partial.has(i)));
     chooser.value = header.fields[field] ? field : 0;
+    listComponents();
     if (mesh < 0) $("follow").checked = header.follows;
     mesh = -1;
   }
@@ -588,7 +665,8 @@
     header.labels = labels;
     slider.max = Math.max(labels.length - 1, 0);
     slider.hidden = $("play").hidden = labels.length < 2;
-    if (wasLast && !isPlaying) slider.value = slider.max;
+    $("film").hidden = labels.length < 2 || !kind;
+    if (wasLast && !isPlaying && !isFilming) slider.value = slider.max;
   }
 
   // ---- a run that is computing ----
@@ -597,6 +675,7 @@
     $("title").textContent = document.title = news.title;
     $("status").textContent = news.status;
     $("status").className = news.kind;
+    $("stop").hidden = !news.canStop;
     if (!news.version) return;
     if (news.version !== version) {
       const found = await ask(`header/${news.version}`);
@@ -609,6 +688,7 @@
     coloured = news.legends;
     setLabels(news.labels);
     if (isNew || news.labels.length !== count) await show();
+    if (picked && (isNew || news.labels.length !== count)) attempt(history);
     if (news.curves && news.curves !== drawn) {
       curves.set(await ask(`curves/${news.curves}`), goTo);
       drawn = news.curves;
@@ -617,6 +697,22 @@
   async function poll() {
     await attempt(follow);
     setTimeout(poll, version ? 1000 : 250); // the first record is shown at once
+  }
+
+  // The first click asks whether it is meant, and the second one stops the run.
+  if ($("stop")) {
+    const words = $("stop").textContent;
+    let isSure = false;
+    $("stop").onclick = () => attempt(async () => {
+      if (!isSure) {
+        isSure = true;
+        $("stop").textContent = "Stop? It ends with its step, and can go on later";
+        setTimeout(() => { isSure = false; $("stop").textContent = words; }, 4000);
+        return;
+      }
+      await ask("stop", "POST");
+      $("stop").hidden = true;
+    });
   }
 
   if (given.curves) curves.set(given.curves, goTo);

@@ -9,6 +9,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -18,7 +20,7 @@ import numpy as np
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import SLACK
-from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES
+from gossamer_fx.records.fields.units import COMPONENTS, LINE_FIELDS, NAMES, VECTOR_FIELDS
 from gossamer_fx.records.plot.colours import Colouring, colouring, default_field
 from gossamer_fx.records.plot.packing import NUMBER_BYTES, binary, packed
 from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
@@ -72,6 +74,23 @@ class _Part:
     X: Array | None = None
 
 
+@dataclass(frozen=True)
+class Probe:
+    """A point of the view at which a value is read.
+
+    Attributes:
+        mesh: number of the mesh in the header.
+        part: number of the part of that mesh.
+        piece: number of a triangle or line of the part.
+        point: number of one of its points.
+    """
+
+    mesh: int
+    part: int
+    piece: int
+    point: int
+
+
 class RunView:
     """A recorded run as data for `viewer.js`.
 
@@ -79,6 +98,7 @@ class RunView:
 
     Attributes:
         run: its reader; may be replaced by another one of the same run, which has grown.
+        fields: names of the fields that can be shown; components of vectors and speeds come last.
     """
 
     def __init__(self, run: RunReader) -> None:
@@ -95,18 +115,28 @@ class RunView:
         self._parts = [list(self._parts_of(files)) for files in self._meshes]
         self._starts = [self._start(files) for files in self._meshes]
         self._legends: dict[str, dict[str, Any]] = {}
-        self.fields: list[str] = []
+        self._main_fields: list[str] = []
         if run.bodies:
             first = default_field(run)
-            # Speeds would add to the size of reports.
             others = [name for name in run.known_fields() if name not in (first, "velocity")]
-            self.fields = [first, *others]
+            self._main_fields = [first, *others]
+        self.fields = [*self._main_fields]
+        if run.films:
+            known = run.known_fields()
+            vectors = [name for name in VECTOR_FIELDS if name in known]
+            self.fields += [name for name in vectors if name not in self.fields]
+            self.fields += [f"{name}_{end}" for name in vectors for end in COMPONENTS]
 
-    def header(self, records: Sequence[int]) -> dict[str, Any]:
-        """Captions of some recorded states, names of the fields, and all meshes, see `_mesh`."""
+    def header(self, records: Sequence[int], fields: Sequence[str]) -> dict[str, Any]:
+        """Captions of some recorded states, names of the fields, and all meshes, see `_mesh`.
+
+        Args:
+            fields: `fields`, or the first of them.
+        """
         return {
             "labels": [self.run.caption(record) for record in records],
-            "fields": [NAMES.get(name, name) for name in self.fields],
+            "fields": [NAMES.get(name, name) for name in fields],
+            "components": _components(fields),
             # Slack film is marked in every field.
             "stateField": self.fields.index("state") if "state" in self.fields else -1,
             "slack": SLACK,
@@ -157,23 +187,72 @@ class RunView:
     def whole(self) -> dict[str, Any]:
         """All data at once, for a report.
 
-        Frames are left out where there would be more than 80, or more than about six megabytes.
+        Frames are left out where there would be more than 80, or more than about six megabytes;
+        speeds and components of vectors are left out where they would cost frames.
         """
-        count = len(self.run.times)
-        numbers = 0
-        for part in self._parts[0]:
-            points = len(part.positions(0))
-            numbers += 3 * points + len(self.fields) * max(points, len(part.pieces))
-        affordable = int(_MAX_BYTES / max(NUMBER_BYTES * numbers, 1))
-        frames = min(max(affordable, 2), _MAX_FRAMES, max(count, 2))
+        wanted = min(_MAX_FRAMES, max(len(self.run.times), 2))
+        fields = self.fields
+        if self._affordable_frames(fields) < wanted:
+            fields = self._main_fields
+        frames = min(max(self._affordable_frames(fields), 2), wanted)
         times = np.linspace(self.run.times[0], self.run.times[-1], frames)
         records = sorted({self.run.record_at(time) for time in times})
         return {
             "records": records,
-            "header": self.header(records),
-            "legends": [self.legend(field) for field in self.fields],
-            "states": [self.state(record, self.fields) for record in records],
+            "header": self.header(records, fields),
+            "legends": [self.legend(field) for field in fields],
+            "states": [self.state(record, fields) for record in records],
         }
+
+    def _affordable_frames(self, fields: Sequence[str]) -> int:
+        """How many states with these fields a report can hold."""
+        numbers = 0
+        for part in self._parts[0]:
+            points = len(part.positions(0))
+            numbers += 3 * points + len(fields) * max(points, len(part.pieces))
+        return int(_MAX_BYTES / max(NUMBER_BYTES * numbers, 1))
+
+    def history(
+        self, records: Iterable[int], field: str, probe: Probe, seconds: float
+    ) -> dict[str, Any]:
+        """Values of a field at a point over several states, or its height z [m] where its part does
+        not have the field.
+
+        Args:
+            records: numbers of the states; the last ones are left out when the time is over.
+            seconds: about as long as this may take [s]; one state is read in any case.
+
+        Returns:
+            "values", of as many states as were read, None where there is no number; "isField",
+            whether they are those of the field.
+        """
+        until = time.monotonic() + seconds
+        values: list[float | None] = []
+        is_field = False
+        for record in records:
+            part = self._parts[probe.mesh][probe.part]
+            value = math.nan
+            # Another mesh has other points.
+            if self._meshes[probe.mesh] == self._files(record):
+                found = part.values(field, record)
+                if found is None:
+                    value = float(part.positions(record)[probe.point, 2])
+                else:
+                    numbers, at_points = found
+                    is_field = True
+                    value = float(numbers[probe.point if at_points else probe.piece])
+            values.append(value if math.isfinite(value) else None)
+            if time.monotonic() >= until:
+                break
+        return {"values": values, "isField": is_field}
+
+    def has_point(self, probe: Probe) -> bool:
+        """Whether there is such a point in the view."""
+        if probe.mesh >= len(self._parts) or probe.part >= len(self._parts[probe.mesh]):
+            return False
+        part = self._parts[probe.mesh][probe.part]
+        points = len(self._starts[probe.mesh][probe.part])
+        return probe.point < points and probe.piece < max(len(part.pieces), 1)
 
     # ---- parts -----------------------------------------------------------------------------------
 
@@ -253,7 +332,7 @@ class RunView:
     ) -> tuple[Array, bool] | None:
         """Values of a field of a body; those that are not constant on the pieces are means at
         points over the pieces that share them."""
-        if field not in self.run.fields[name]:
+        if not self.run.has_field(name, field):
             if field == "tension" and not self.run.bodies[name].is_film:
                 return self._mean_tension(name, len(surface.pieces), field, record)
             return None
@@ -336,6 +415,18 @@ def _thinned(file: RecordedMesh, most: int) -> _Surface:
 
 
 # ---- as JSON -------------------------------------------------------------------------------------
+
+
+def _components(fields: Sequence[str]) -> dict[int, list[tuple[str, int]]]:
+    """Of each vector, by its number: names of what can be shown of it, with the numbers of these
+    fields."""
+    found = {}
+    for number, name in enumerate(fields):
+        ends = [end for end in COMPONENTS if f"{name}_{end}" in fields]
+        if ends:
+            shown = [(end, fields.index(f"{name}_{end}")) for end in ends]
+            found[number] = [("magnitude", number), *shown]
+    return found
 
 
 def _mesh(part: _Part, start: Array) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import secrets
 import socket
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from html import escape
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from io import BytesIO
@@ -30,7 +30,7 @@ from gossamer_fx.records.plot.curve_data import curve_data
 from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.report import CURVES, VIEW, page_head, status_words, view_scripts
 from gossamer_fx.records.plot.run_reader import RunReader
-from gossamer_fx.records.plot.viewer import RunView
+from gossamer_fx.records.plot.viewer import Probe, RunView
 
 _HOST = "127.0.0.1"
 # Time from one set of curves, or one scale of colours, to the next over the CPU time that
@@ -39,6 +39,9 @@ _PAUSE = 5.0
 _MAX_PORT = 65535
 # Share of what was left of a run from which on its rate is known.
 _KNOWN_SHARE = 0.01
+# Longest time [s] for a part of a curve of a point: other requests wait for it.
+_HISTORY_SECONDS = 0.2
+_STOP = '<button id="stop" hidden>Stop the run</button>'
 
 
 @check_arguments
@@ -54,6 +57,8 @@ class Watch:
         port: at which the server answers; 0: any that is free.
         must_exist: whether the folder has to hold a run already; otherwise the page waits for it.
         height: of the frame in a notebook [pixels].
+        on_stop: called once, in another thread, when the user asks in the view that the run be
+            stopped; None: the view has no button for that.
 
     Attributes:
         address: of the page, for a browser on the same machine.
@@ -75,9 +80,10 @@ class Watch:
         port: Annotated[int, Range(0, _MAX_PORT)] = 0,
         must_exist: bool = True,
         height: Annotated[int, Range(1)] = 720,
+        on_stop: Callable[[], object] | None = None,
     ) -> None:
         self._height = height
-        answers = _Answers(Path(folder))
+        answers = _Answers(Path(folder), on_stop)
         if must_exist:
             answers.read()
         token = secrets.token_urlsafe(24)
@@ -113,8 +119,10 @@ class _Answers:
     colours get scales that have them.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, on_stop: Callable[[], object] | None = None) -> None:
         self._folder = folder
+        self._on_stop = on_stop
+        self._is_stopped = False  # whether the user has asked for it
         self._stamp: tuple[int, ...] = ()
         self._run: RunReader | None = None
         self._view: RunView | None = None
@@ -172,13 +180,14 @@ class _Answers:
         head = page_head(title, "connect-src 'self'")
         status = '<p class="status" id="status">waiting for the run</p>'
         scripts = view_scripts({})
-        return f'{head}{status}<div id="watch">{VIEW}{CURVES}</div>{scripts}</body></html>'
+        return f'{head}{status}{_STOP}<div id="watch">{VIEW}{CURVES}</div>{scripts}</body></html>'
 
     def progress(self) -> dict[str, Any]:
         """How far the run is, and which version of the view and of the curves there is."""
         if not (self._folder / "run.json").is_file():
-            waits = {"kind": "status", "status": "waiting for the run"}
-            return waits | {"title": self._folder.name, "version": 0, "curves": 0, "labels": []}
+            waits: dict[str, Any] = {"kind": "status", "status": "waiting for the run"}
+            waits |= {"title": self._folder.name, "version": 0, "curves": 0, "labels": []}
+            return waits | {"canStop": self._can_stop}
         run = self.read()
         self._draw_curves(run)
         kind, words = status_words(run.about)
@@ -188,8 +197,13 @@ class _Answers:
             until = run.about["axis"]["until"]
             words = f"running, {run.axis.words(reached[-1])} of {until:.6g} {run.axis.unit}"
             words += self._time_left(float(reached[-1]), float(until))
+        if self._is_stopped:
+            words = f"stopped from the view: {words}"
+            if run.about["status"] == "running":
+                words = "stopping: the run ends with its step"
         return {
             "title": run.title,
+            "canStop": self._can_stop and run.about["status"] == "running",
             "kind": kind,
             "status": words,
             "version": 0 if self._view is None else self._version,
@@ -197,6 +211,18 @@ class _Answers:
             "legends": self._legends_count,
             "curves": self._curves_count,
         }
+
+    @property
+    def _can_stop(self) -> bool:
+        return self._on_stop is not None and not self._is_stopped
+
+    def stop(self) -> bool:
+        """Ask that the run be stopped; returns whether it could be asked for."""
+        if self._on_stop is None or self._is_stopped:
+            return False
+        self._is_stopped = True
+        self._on_stop()
+        return True
 
     def _time_left(self, reached: float, until: float) -> str:
         """Words about the time left, at the rate since the page was opened; empty until a share of
@@ -228,7 +254,8 @@ class _Answers:
 
         Args:
             words: of the address after the token: none for the page, "progress", "curves" with the
-                number of their rows, or "header", "legend" and "state", see `_part_of_view`.
+                number of their rows, or "header", "legend", "state" and "history", see
+                `_part_of_view`.
         """
         if words == [""]:
             return "text/html; charset=utf-8", self.page().encode(errors="replace")
@@ -248,11 +275,13 @@ class _Answers:
         return "application/json", json.dumps(data, separators=(",", ":")).encode()
 
     def _part_of_view(self, view: RunView, name: str, words: list[str]) -> Mapping[str, Any] | None:
-        """Header, legend or state of the present version of the view; None for other words.
+        """Header, legend, state or history of the present version of the view; None for other
+        words.
 
         Args:
             words: the version; then of a legend the number of the field, of a state its number and
-                that of a field.
+                that of a field, of a history those of the field, mesh, part, piece and point, and
+                of the first state.
         """
         if not all(word.isdecimal() and len(word) < 10 for word in words):
             return None
@@ -260,7 +289,7 @@ class _Answers:
         if version != self._version:
             return None
         if name == "header" and not numbers:
-            return view.header(range(len(view.run.times)))
+            return view.header(range(len(view.run.times)), view.fields)
         if name == "legend" and len(numbers) == 1 and numbers[0] < len(view.fields):
             began = time.thread_time()
             legend = view.legend(view.fields[numbers[0]])
@@ -273,6 +302,13 @@ class _Answers:
                 # The state of films is needed to mark those that are slack.
                 asked = dict.fromkeys([*view.fields[field : field + 1], "state"])
                 return view.state(record, [name for name in asked if name in view.fields])
+        if name == "history" and len(numbers) == 6:
+            field, mesh, part, piece, point, first = numbers
+            probe = Probe(mesh, part, piece, point)
+            count = len(view.run.times)
+            if field < max(len(view.fields), 1) and first < count and view.has_point(probe):
+                shown = view.fields[field] if view.fields else ""
+                return view.history(range(first, count), shown, probe, _HISTORY_SECONDS)
         return None
 
 
@@ -322,7 +358,7 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers one request: GET /TOKEN/WORDS.
+    """Answers one request: GET /TOKEN/WORDS, or POST /TOKEN/stop.
 
     The token alone keeps other pages of the browser out, also those that take the name of another
     host for this machine.
@@ -346,14 +382,8 @@ class _Handler(BaseHTTPRequestHandler):
         super().finish()
 
     def do_GET(self) -> None:
-        try:
-            path = urlsplit(self.path).path
-        except ValueError:
-            self._send(400, "text/plain", b"This is not an address.\n")
-            return
-        token, *words = path.removeprefix("/").split("/")
-        if not secrets.compare_digest(token.encode(), self.server.token.encode()):
-            self._send(403, "text/plain", b"The token in the address is missing or wrong.\n")
+        words = self._words()
+        if words is None:
             return
         with self.server.lock:
             found = self.server.answers.answer(words or ["?"])
@@ -361,6 +391,35 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(404, "text/plain", b"There is no such thing.\n")
             return
         self._send(200, *found)
+
+    def do_POST(self) -> None:
+        words = self._words()
+        if words is None:
+            return
+        # A browser says from which page it asks: from this one, or the run goes on.
+        origin = self.headers.get("Origin")
+        if origin is not None and origin != f"http://{self.headers.get('Host', '')}":
+            self._send(403, "text/plain", b"Another page has asked.\n")
+            return
+        with self.server.lock:
+            is_stopped = words == ["stop"] and self.server.answers.stop()
+        if not is_stopped:
+            self._send(404, "text/plain", b"There is no such thing.\n")
+            return
+        self._send(200, "application/json", b"{}")
+
+    def _words(self) -> list[str] | None:
+        """The words of the address after the token; None if it was refused."""
+        try:
+            path = urlsplit(self.path).path
+        except ValueError:
+            self._send(400, "text/plain", b"This is not an address.\n")
+            return None
+        token, *words = path.removeprefix("/").split("/")
+        if not secrets.compare_digest(token.encode(), self.server.token.encode()):
+            self._send(403, "text/plain", b"The token in the address is missing or wrong.\n")
+            return None
+        return words
 
     def _send(self, code: int, kind: str, contents: bytes) -> None:
         self.send_response(code)
