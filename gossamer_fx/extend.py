@@ -55,7 +55,8 @@ Studies
     what is measured: `relative_drift`, `FieldFunctions`, `AreaFractions`
 Checks
     `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `ask_points`,
-    `InputError`; `check_arguments` with the marks `positive`, `not_negative`, `Range`, `Count`
+    `InputError`, `errors_as_sentences` for programs; `check_arguments` with the marks `positive`,
+    `not_negative`, `Range`, `Count`
 """
 
 from gossamer_fx.core.checks.lazy_names import lazy_names

@@ -32,6 +32,7 @@ from .core.checks.errors import InputError as InputError
 from .core.checks.errors import check as check
 from .core.checks.errors import check_on_all as check_on_all
 from .core.checks.errors import check_positive as check_positive
+from .core.checks.errors import errors_as_sentences as errors_as_sentences
 from .core.checks.errors import is_vector as is_vector
 from .core.checks.errors import on_rank_zero as on_rank_zero
 from .core.checks.user_functions import ask as ask

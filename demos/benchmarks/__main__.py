@@ -27,7 +27,7 @@ from bench import PAGE, page_part, ratios, solve_errors, turns
 from mpi4py import MPI
 from problems import ERROR_PROBLEMS, PROBLEMS
 
-from gossamer_fx.extend import run_cases, verdict
+from gossamer_fx.extend import errors_as_sentences, run_cases, verdict
 
 # The part of the page that is written by this command.
 BETWEEN = re.compile(r"(?<=<!-- benchmark -->\n).*?(?=<!-- /benchmark -->)", re.DOTALL)
@@ -50,6 +50,8 @@ def main() -> int:
     wanted = parser.parse_args()
     if wanted.store and (wanted.quick or not wanted.name.startswith("errors")):
         parser.error("--store is for the full form of errors; leave it or --quick out.")
+    if wanted.runs < 1:
+        parser.error(f"--runs is {wanted.runs}; give 1 or more.")
     judgements = {}
     for name in ERROR_PROBLEMS:
         if wanted.name in (name, "errors", "all"):
@@ -73,4 +75,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with errors_as_sentences():
+        sys.exit(main())

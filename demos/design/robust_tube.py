@@ -46,12 +46,13 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.command_line import named_numbers
 from demos.common.figures import BLUE, GREY, new_figure, save
 from demos.common.flat_rooted_tube import ARRIVED, LOSS_FACTOR, SCATTER
 from demos.common.flat_rooted_tube import build as flat_rooted_tube
 from demos.common.manufacturing import draw_specimen
 from demos.common.tube_bending import bent_tube
-from gossamer_fx.extend import Array, Probe
+from gossamer_fx.extend import Array, Probe, check
 from gossamer_fx.presets.films import KAPTON_HN
 
 # A short tube, so that a run takes some ten seconds of CPU time [m].
@@ -220,6 +221,8 @@ def cases(length: float, **numerics: float) -> dict[str, list[Any]]:
     return values
 
 
+# Arguments of `flat_rooted_tube` that are not part of the design.
+NUMERICS = ("dt", "cells", "contact", "residual", "residual_stiffness", "iterations")
 SWEEP = gx.sweep.Factorial(outcome, cases(LENGTH), listed=True)
 
 # Exponent of a response y in its ratio -10 log10 mean(y^p): small ones are good, or large ones.
@@ -275,5 +278,7 @@ def draw(effects: dict[str, Array], varied: Sequence[str], path: Path) -> None:
 
 if __name__ == "__main__":
     # e.g. length=0.8
-    given = dict(word.split("=") for word in sys.argv[1:])
-    main(**{name: float(text) for name, text in given.items()})  # type: ignore[arg-type]
+    given = named_numbers(sys.argv[1:], ["length", *NUMERICS])
+    length = given.pop("length", LENGTH)
+    check(length in FACTORS, f"There is no design of {length} m; give a length of {[*FACTORS]}.")
+    main(length, **given)

@@ -83,6 +83,7 @@ from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
 from demos.common.arcs import Arc, arc_mesh, arcs, corner_pulls, radii_of
+from demos.common.command_line import check_words
 from demos.common.deployment import (
     UNITS,
     deployment_case,
@@ -839,6 +840,7 @@ def at_rest(
 
 
 if __name__ == "__main__":
+    check_words(sys.argv[1:], ["deployed"])
     if "deployed" in sys.argv[1:]:
         print_figures(at_rest(output="out/sprout_deployed"))
     else:

@@ -47,11 +47,12 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.command_line import check_words, number
 from demos.common.deployment import UNITS, print_figures, run_case
 from demos.common.figures import finish, new_figure, save
 from demos.common.spinning import RING_POINTS, heights_of_ring, ring_heights, spin_figures
 from demos.sails import spin_deployment
-from gossamer_fx.extend import Array
+from gossamer_fx.extend import Array, check
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.presets.films import KAPTON_HN
 
@@ -399,7 +400,12 @@ def draw(turned: Array, heights: Array, numbers: Sequence[int], curves: Curves, 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["folded"]:
-        diameters = map(float, sys.argv[2:])
-        print_figures(folded("out/folded_waves", *diameters), UNITS)
+        numbers = [number(word) for word in sys.argv[2:]]
+        check(
+            len(numbers) <= 3,
+            f"{len(numbers)} numbers are given; give at most three: DIAMETER UNTIL OPENED.",
+        )
+        print_figures(folded("out/folded_waves", *numbers), UNITS)
     else:
+        check_words(sys.argv[1:], ["folded"])
         print_figures(main(output="out/disc_waves"))

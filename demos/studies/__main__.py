@@ -31,10 +31,10 @@ from mpi4py import MPI
 from demos.studies.engine.named import outcome_of, study_of
 from demos.studies.engine.study import SUMMARY_HEAD
 from gossamer_fx.extend import (
-    InputError,
     Judgement,
     Result,
     changes,
+    errors_as_sentences,
     markdown_table,
     on_rank_zero,
     read_results,
@@ -144,9 +144,5 @@ def main(words: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    try:
+    with errors_as_sentences():
         sys.exit(main())
-    except InputError as error:
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"gossamer: {error}", file=sys.stderr)
-        sys.exit(2)

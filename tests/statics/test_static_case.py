@@ -13,6 +13,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.line import line
+from gossamer_fx.records.plot.answers import answers
 
 SCENE = """
     import gossamer_fx as gx
@@ -56,6 +57,11 @@ def test_one_equilibrium_with_its_modes(comm, folder):
     about = gx.plot.RunReader(folder / "case").about
     assert about["kind"] == "equilibrium"
     assert gx.plot.RunReader(folder / "case" / "modes" / "mode_2").about["kind"] == "mode"
+    # One equilibrium has no extremes, and a report says the frequencies.
+    assert not [name for name in numbers if name.endswith((" smallest", " largest"))]
+    rows = {row[0]: row[1] for row in answers(gx.plot.RunReader(folder / "case"))}
+    for name in ("frequency 1 [Hz]", "frequency 2 [Hz]"):
+        assert float(rows[name]) == pytest.approx(numbers[name], rel=1e-3)
 
 
 @pytest.mark.mpi
@@ -65,6 +71,9 @@ def test_a_path_and_another_record_in_its_folder(comm, folder):
     numbers = stretched(comm, path=how, modes=1).compute(folder / "case")
     assert numbers["held [N] at the end"] == pytest.approx(-20.0, rel=1e-6)
     assert numbers["held [N] largest"] == pytest.approx(-5.0, rel=1e-6)
+    # Extremes come last, as a picture of a sweep has room for the first numbers only.
+    names = list(numbers)
+    assert names.index("frequency 1 [Hz]") < names.index("held [N] smallest")
     with pytest.raises(gx.InputError, match="holds"):
         stretched(comm).compute(folder / "case")
     stretched(comm).compute(folder / "case", overwrite=True)

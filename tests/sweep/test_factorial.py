@@ -93,6 +93,20 @@ def test_a_picture_says_what_it_leaves_out(
     assert drawn[0].get_suptitle().split(";")[0] == words
 
 
+def test_an_extreme_that_is_the_last_value_is_not_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **options: drawn.append(figure))
+
+    def outcome(comm: MPI.Intracomm, folder: Path, a: float) -> dict[str, float]:
+        return {"y at the end": a, "y smallest": -a, "y largest": a}
+
+    run_factorial(Factorial(outcome, {"a": [1.0, 2.0]}), MPI.COMM_SELF, tmp_path)
+    titles = [axes.get_title(loc="left") for axes in drawn[0].axes]
+    assert [title for title in titles if title] == ["y at the end", "y smallest"]
+
+
 def test_seeds_are_told_apart_by_their_last_digit() -> None:
     assert values_text({"seed": 1000001, "on": True, "E": 2.5e9}) == "seed 1000001, on 1, E 2.5e+09"
 

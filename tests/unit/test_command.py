@@ -16,6 +16,7 @@ import gossamer_fx as gx
 from gossamer_fx.app.cli import demo, doctor, launch
 from gossamer_fx.app.cli.command import main
 from gossamer_fx.app.cli.launch import RULE, MessageFilter
+from gossamer_fx.app.cli.script import AS_DEMO, BEHIND_THE_DOOR
 from gossamer_fx.app.cli.user_files import check_arguments_of, option
 from tests.hanging import HANG_TIMEOUT
 
@@ -256,6 +257,42 @@ class TestInstalledCommand:
         assert done.returncode == 2 and done.stderr.count("\n") == 1
         assert "no demo 'no_such_demo'" in done.stderr and "folded_tube" in done.stderr
 
+    @pytest.mark.parametrize(
+        ("words", "said"),
+        [
+            (["robust_tube", "foo=1"], "There is no argument 'foo'"),
+            (["robust_tube", "foo"], "'foo' has no value"),
+            (["robust_tube", "length=0.9"], "There is no design of 0.9 m"),
+            (["disc_waves", "folded", "x"], "'x' is not a number"),
+            (["sprout", "opened"], "The demo has no 'opened'"),
+        ],
+    )
+    def test_wrong_words_of_a_demo_are_told_in_a_sentence(
+        self, words: list[str], said: str
+    ) -> None:
+        done = command("demo", *words)
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"gossamer: {said}") and done.stderr.count("\n") == 1
+
+    @pytest.mark.parametrize(
+        ("error", "code"), [("InputError", 2), ("StepFailure", 1), ("NoEquilibrium", 1)]
+    )
+    def test_an_error_of_a_demo_is_a_sentence(self, tmp_path: Path, error: str, code: int) -> None:
+        """A script of the user shows which of its lines has raised it."""
+        script = tmp_path / "wrong.py"
+        script.write_text(f"import gossamer_fx as gx\nraise gx.{error}('thickness must be > 0.')\n")
+        for first, has_trace in (([AS_DEMO], False), ([], True)):
+            done = subprocess.run(
+                [sys.executable, *BEHIND_THE_DOOR, *first, str(script)],
+                env=launch.child_environment(),
+                capture_output=True,
+                text=True,
+            )
+            assert ("Traceback" in done.stderr) == has_trace, done.stderr
+            if not has_trace:
+                assert done.returncode == code
+                assert done.stderr == "gossamer: thickness must be > 0.\n"
+
     def test_help_lists_demo_and_doctor(self) -> None:
         said = command("--help").stdout
         assert re.search(r"^ +demo ", said, re.MULTILINE)
@@ -281,7 +318,7 @@ def test_the_words_of_a_demo_are_its_own(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("PYTHONPATH", "")
     demo.main([])
     demo.main(["sprout.py", "deployed"])
-    programs = [(Path(words[4]).name, words[5:]) for words in started]
+    programs = [(Path(words[5]).name, words[6:]) for words in started]
     assert programs == [("folded_tube.py", []), ("sprout.py", ["deployed"])]
 
 

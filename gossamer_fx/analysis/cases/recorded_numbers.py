@@ -16,8 +16,8 @@ def recorded_numbers(comm: MPI.Intracomm, folder: Path) -> dict[str, float]:
 
     Returns:
         "... at the end" for each probe, in the unit of the probe, "... pressure [Pa] at the end"
-        for each chamber, then "... smallest" and "... largest" for each probe: the picture has room
-        for the first ones.
+        for each chamber, then "... smallest" and "... largest" for each probe that was recorded
+        more than once: the picture has room for the first ones.
 
     Raises:
         InputError: the folder holds no run.
@@ -37,6 +37,8 @@ def _read_numbers(folder: Path) -> dict[str, float]:
         if name.endswith(" pressure"):
             numbers[f"{name} [Pa] at the end"] = float(values[-1])
     for name, values in probes.items():
+        if len(values) < 2:
+            continue
         numbers[f"{name} smallest"] = float(np.min(values))
         numbers[f"{name} largest"] = float(np.max(values))
     return numbers

@@ -96,8 +96,9 @@ class StaticCase:
             parameters: from which the scene was made, by name, see `Recording`.
 
         Returns:
-            Numbers by name: of each probe the value at the end, the smallest and the largest one,
-                of each chamber the last pressure, and "frequency 1 [Hz]" and so on of the modes.
+            Numbers by name: of each probe the value at the end, of each chamber the last pressure,
+                "frequency 1 [Hz]" and so on of the modes, and of each probe with several
+                equilibria the smallest and the largest value.
 
         Raises:
             InputError: what is wrong with the scene, the loads or the outputs, or a folder that
@@ -131,6 +132,15 @@ class StaticCase:
 
             found = modes(equilibrium, self.modes)
             record_modes(equilibrium, found, modes_folder)
-            for number, mode in enumerate(found, start=1):
-                numbers[f"frequency {number} [Hz]"] = mode.frequency
+            frequencies = {
+                f"frequency {number} [Hz]": mode.frequency
+                for number, mode in enumerate(found, start=1)
+            }
+            # A picture has room for the first numbers, and extremes come last.
+            extremes = {
+                name: numbers.pop(name)
+                for name in list(numbers)
+                if name.endswith((" smallest", " largest"))
+            }
+            numbers = numbers | frequencies | extremes
         return numbers

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from gossamer_fx.app.cli.script import BEHIND_THE_DOOR
+from gossamer_fx.app.cli.script import AS_DEMO, BEHIND_THE_DOOR
 
 # the picture of the README
 DEFAULT = "folded_tube"
@@ -105,4 +105,4 @@ def _replace_process(folder: Path, program: Path, words: list[str]) -> NoReturn:
     package = str(Path(__file__).resolve().parents[3])
     paths = [str(folder.parent), package, os.environ.get("PYTHONPATH", "")]
     os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
-    os.execv(sys.executable, [sys.executable, *BEHIND_THE_DOOR, str(program), *words])
+    os.execv(sys.executable, [sys.executable, *BEHIND_THE_DOOR, AS_DEMO, str(program), *words])

@@ -194,7 +194,11 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     from gossamer_fx.records.plot.curve_panels import Curves, Panel
     from gossamer_fx.records.plot.page import write_page
 
-    names = [name for name in number_names(results) if not _is_round_off(name, results)]
+    names = [
+        name
+        for name in number_names(results)
+        if not (_is_round_off(name, results) or _is_repeated(name, results))
+    ]
     shown = names[:_MAX_PANELS]
     if not shown:
         return
@@ -228,6 +232,15 @@ def _is_round_off(name: str, results: Sequence[Result]) -> bool:
     """Whether a number of the results is the closing error of balances that all close."""
     sizes = [abs(result.numbers.get(name, 0.0)) for result in results]
     return name == "energy error" and max(sizes) < _ROUND_OFF
+
+
+def _is_repeated(name: str, results: Sequence[Result]) -> bool:
+    """Whether a number is an extreme over the run that is, in all runs, the value at the end."""
+    for kind in (" smallest", " largest"):
+        last = f"{name.removesuffix(kind)} at the end"
+        if name.endswith(kind) and last in number_names(results):
+            return all(one.numbers.get(name) == one.numbers.get(last) for one in results)
+    return False
 
 
 def _draw_panel(

@@ -155,6 +155,27 @@ def output_failures(path: str | Path) -> Iterator[None]:
         ) from error
 
 
+@contextmanager
+def errors_as_sentences() -> Iterator[None]:
+    """Context for the main function of a program of this package: errors that users can mend end it
+    without a trace of Python.
+
+    `InputError` ends it with the code 2, `StepFailure`, `NoEquilibrium` and `OutputFailure` with 1;
+    the first rank prints the message, as the commands do.
+
+    Example:
+        >>> with gx.extend.errors_as_sentences():
+        ...     gx.extend.check(True, "thickness must be > 0, got -1.")
+    """
+    try:
+        yield
+    except (InputError, StepFailure, NoEquilibrium, OutputFailure) as error:
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"gossamer: {error}", file=sys.stderr, flush=True)
+        # Scripts can tell wrong input from a computation that failed.
+        sys.exit(2 if isinstance(error, InputError) else 1)
+
+
 def check(condition: bool, message: str) -> None:
     """Raise `InputError(message)` unless a condition holds that is the same on all ranks.
 

@@ -6,12 +6,14 @@ The recording may come from a stranger: names and numbers are as they stand in i
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import with_unit
 from gossamer_fx.records.plot.run_reader import RunReader
+from gossamer_fx.records.plot.run_tables import RunTables
 from gossamer_fx.records.probes.points import GAS_UNITS, GasQuantity
 
 HEAD = ("", "at the end", "least over the run", "largest over the run")
@@ -39,7 +41,8 @@ _ROUND_OFF = 1e-12
 
 def answers(run: RunReader) -> Iterator[tuple[str, str, str, str]]:
     """Rows for `HEAD`: the largest value of each recorded field on each body, the gas of each
-    chamber, shares of films that are taut and wrinkled, and the probes of the user."""
+    chamber, shares of films that are taut and wrinkled, the probes of the user, and the frequencies
+    of the modes that a `StaticCase` has recorded."""
     for name, fields in run.fields.items():
         for field in fields:
             if field not in _NO_AMOUNTS and run.has_field(name, field):
@@ -53,6 +56,26 @@ def answers(run: RunReader) -> Iterator[tuple[str, str, str, str]]:
     for table in ("states.csv", "probes.csv"):
         found = run.table(table).items()
         yield from _of_columns((c, v) for c, v in found if c not in run.not_values)
+    for number, frequency in sorted(_frequencies(run.folder)):
+        yield f"frequency {number} [Hz]", f"{frequency:.4g}", "", ""
+
+
+def _frequencies(folder: Path) -> Iterator[tuple[int, float]]:
+    """Numbers and frequencies [Hz] of the modes that were recorded beside an equilibrium.
+
+    Raises:
+        InputError: the file of a mode cannot be read.
+    """
+    for one in (folder / "modes").glob("mode_*"):
+        # A link may lead out of the folder, which a stranger may have sent.
+        if one.is_symlink() or one.parent.is_symlink():
+            continue
+        result = RunTables(one).about.get("result", {})
+        number = result.get("mode")
+        frequency = result.get("frequency [Hz]")
+        # A file that somebody changed may have other things there.
+        if isinstance(number, int) and isinstance(frequency, float):
+            yield number, frequency
 
 
 def _of_field(body: str, field: str, values: Array) -> Iterator[tuple[str, str, str, str]]:
