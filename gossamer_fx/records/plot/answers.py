@@ -61,7 +61,7 @@ def answers(run: RunReader) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _frequencies(folder: Path) -> Iterator[tuple[int, float]]:
-    """Numbers and frequencies [Hz] of the modes that were recorded beside an equilibrium.
+    """Numbers and frequencies [Hz] of the modes that were recorded next to an equilibrium.
 
     Raises:
         InputError: the file of a mode cannot be read.
