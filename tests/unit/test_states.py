@@ -85,3 +85,23 @@ def test_a_search_from_a_saved_state_is_the_same(kind: Kind) -> None:
         # A search knows from earlier ones how stiff the scene is, and takes another way.
         size = np.abs(values).max(initial=1e-12)
         assert np.abs(values - ends[1][name]).max(initial=0.0) <= 10 * kind.tolerance * size, name
+
+
+@pytest.mark.parametrize("kind", MOVING, ids=lambda kind: kind.name)
+def test_a_gradient_leaves_the_run_as_it_was(kind: Kind) -> None:
+    ends = []
+    for asks in (False, True):
+        run = gx.Simulation(scene_of(kind, MPI.COMM_SELF), gx.Midpoint(dt=kind.dt))
+        tape = gx.analysis.RunTape(run)
+        run.run(until=2 * kind.dt)
+        if asks:
+            by = [f"{body.name}.initial_velocity" for body in run.scene.bodies]
+            try:
+                gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=by)
+            except gx.InputError as refusal:
+                pytest.skip(str(refusal))
+        for _ in range(3):
+            run.solver.step(kind.dt)
+        ends.append(present(run.system))
+    for name, values in ends[0].items():
+        assert np.array_equal(values, ends[1][name]), name
