@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,48 @@ class Solid:
     lines: npt.NDArray[np.int32]
     on: Any = None
     motion: Callable[[float], Sequence[float]] | None = None
+
+
+# ---- boxes ---------------------------------------------------------------------------------------
+
+# Signs of the coordinates of the corners (8, 3) of a box: the three bits of a corner's number, of
+# which that of z is the lowest.
+BOX_CORNERS = np.array(list(product((-1, 1), repeat=3)))
+AXIS_BITS = (1, 2, 4)
+
+# The two corners of an edge differ in one bit.
+BOX_EDGES = tuple(
+    (corner, corner | bit) for corner in range(8) for bit in AXIS_BITS if not corner & bit
+)
+
+
+def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
+    """The 12 triangles of a box, two for each face, as numbers of its corners."""
+    triangles = []
+    for bit in AXIS_BITS:
+        first, second = (other for other in AXIS_BITS if other != bit)
+        for base in (0, bit):
+            opposite = base | first | second
+            triangles.append((base, base | first, opposite))
+            triangles.append((base, base | second, opposite))
+    return tuple(triangles)
+
+
+BOX_TRIANGLES = _triangles_of_box()
+
+
+def box_surface(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.int32]:
+    """The triangles (12, 3) of a box with corners (8, 3), as indices of these: seen from outside
+    they run counterclockwise, as those of all surfaces that are drawn."""
+    triangles = np.array(BOX_TRIANGLES, dtype=np.int32)
+    centre = corners.mean(axis=0)
+    a, b, c = (corners[column] - centre for column in triangles.T)
+    is_inwards = np.einsum("ni,ni->n", np.cross(a, b), c) < 0
+    triangles[is_inwards] = triangles[is_inwards, ::-1]
+    return triangles
+
+
+# ---- tables --------------------------------------------------------------------------------------
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -186,6 +186,21 @@ def folds(Y: Array) -> Array:
     return Y.reshape(-1, 3, 3)
 
 
+@dataclass
+class FoldsAtEnd:
+    """Folds at the end of a step, as iterated.
+
+    Attributes:
+        Y: vectors (n, 9).
+        angles: (n, 1) [rad].
+        gradient: discrete gradients (n, 1, 9) of the step; None until they are asked for.
+    """
+
+    Y: Array
+    angles: Array
+    gradient: Array | None = None
+
+
 class FoldStencil(Stencil):
     """Folds with one law; `geometric` is the share of the geometric stiffness in their tangent."""
 
@@ -195,25 +210,28 @@ class FoldStencil(Stencil):
     advances_in_search = True
 
     def __init__(self, *arguments: Any) -> None:
-        # Vectors Y (n, 9) at the end of the step, their angles (n, 1) and, once they are asked for,
-        # discrete gradients (n, 1, 9): forces and tangent of one iterate need the same.
-        self._of_end: list[Array] = []
+        # Forces and tangent of one iterate need the same.
+        self._at_end: FoldsAtEnd | None = None
         super().__init__(*arguments)
 
     def _start(self, Y0: Array, e0: Array) -> None:
-        self._of_end = []
+        self._at_end = None
         super()._start(Y0, e0)
 
     def measured(self, Y: Array) -> Array:
         if not self._has_begun:
             return self.at.principal(Y)[:, None]
-        if not (self._of_end and self._of_end[0] is Y):
+        return self._folds_at_end(Y).angles
+
+    def _folds_at_end(self, Y: Array) -> FoldsAtEnd:
+        """The folds of vectors Y (n, 9) at the end of the step."""
+        if self._at_end is None or self._at_end.Y is not Y:
             # The angle within half a turn of that at the start of the step: a function of the
             # positions and of full turns, so that a state is restored to the last bit.
             shown = dihedral_angle.angle(folds(Y))[:, None]
             turns = np.rint((self.e0 - shown) / (2 * np.pi))
-            self._of_end = [Y, shown + 2 * np.pi * turns]
-        return self._of_end[1]
+            self._at_end = FoldsAtEnd(Y, shown + 2 * np.pi * turns)
+        return self._at_end
 
     def measured_at(self, q: Array) -> Array:
         return self.measured(self.at.vectors(q))
@@ -221,11 +239,11 @@ class FoldStencil(Stencil):
     def _slope_of_step(self, Y: Array, on: Any) -> Array:
         if not self._rule.conserves:
             return super()._slope_of_step(Y, on)
-        self.measured(Y)
-        if len(self._of_end) == 2:
+        at_end = self._folds_at_end(Y)
+        if at_end.gradient is None:
             ends = self._ends(Y, slice(None))
-            self._of_end.append(dihedral_angle.discrete_gradient(*ends).reshape(-1, 1, 9))
-        return self._of_end[2][on]
+            at_end.gradient = dihedral_angle.discrete_gradient(*ends).reshape(-1, 1, 9)
+        return at_end.gradient[on]
 
     def _geometric(self, S: Array, Y: Array, on: Any) -> Array:
         if not self.geometric:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,13 @@ import numpy as np
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, is_vector
-from gossamer_fx.core.drawing import Solid
+from gossamer_fx.core.drawing import (
+    BOX_CORNERS,
+    BOX_EDGES,
+    BOX_TRIANGLES,
+    Solid,
+    box_surface,
+)
 from gossamer_fx.core.model.body import Array, Attached, Ground, Indices, Port, Vector, unit
 from gossamer_fx.mechanics.bodies.frames import along, ground_frame
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
@@ -36,14 +41,6 @@ PrescribedMotion = Callable[[float], Sequence[float]]
 
 # Largest error of the products of a box's axes: they are orthonormal to round-off.
 ORTHONORMALITY = 1e-9
-
-# The three bits of a corner's number, one for each axis of a box.
-AXIS_BITS = (1, 2, 4)
-
-# The two corners of an edge of a box differ in one bit.
-BOX_EDGES = tuple(
-    (corner, corner | bit) for corner in range(8) for bit in AXIS_BITS if not corner & bit
-)
 
 
 @dataclass(frozen=True)
@@ -357,23 +354,18 @@ class Box(Obstacle):
         if self.inside:
             return self._boundaries(), []
         points = tuple(self.fixed_point(corner) for corner in self._corners())
-        return [], [ObstacleSolid(points, BOX_EDGES, _triangles_of_box())]
+        return [], [ObstacleSolid(points, BOX_EDGES, BOX_TRIANGLES)]
 
     def _corners(self) -> Array:
-        """The corners (8, 3) [m]: the bits of a corner's number are the signs of its coordinates; z
-        is the lowest bit."""
-        signs = np.array(list(product((-1, 1), repeat=3)))
-        from_centre = signs * np.asarray(self.sizes, dtype=float) / 2
+        """The corners (8, 3) [m], in the order of `BOX_CORNERS`."""
+        from_centre = BOX_CORNERS * np.asarray(self.sizes, dtype=float) / 2
         return np.asarray(self.centre, dtype=float) + from_centre @ np.asarray(self.axes, float)
 
     def picture(self, near: Array) -> DrawnSurface:
         corners = self._corners()
-        faces = () if self.inside else _triangles_of_box()
-        triangles = np.array(faces, dtype=np.int32).reshape(-1, 3)
-        # Seen from outside their corners run counterclockwise, as those of all drawn surfaces.
-        a, b, c = (corners[column] - self.centre for column in triangles.T)
-        is_inwards = np.einsum("ni,ni->n", np.cross(a, b), c) < 0
-        triangles[is_inwards] = triangles[is_inwards, ::-1]
+        triangles = box_surface(corners)
+        if self.inside:
+            triangles = triangles[:0]
         return corners, triangles, np.array(BOX_EDGES, dtype=np.int32)
 
     def _boundaries(self) -> list[ObstacleBoundary]:
@@ -388,19 +380,6 @@ class Box(Obstacle):
                 normal = self.fixed_direction(-sign * axes[k])
                 boundaries.append(ObstacleBoundary(PointPlane, (origin, normal, origin)))
         return boundaries
-
-
-def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
-    """Return the 12 triangles of a box, two for each face, as numbers of its corners.  The number
-    of a corner, 0 to 7, has one bit for each axis: 1 where it is on the positive side."""
-    triangles = []
-    for bit in AXIS_BITS:
-        first, second = (other for other in AXIS_BITS if other != bit)
-        for base in (0, bit):
-            opposite = base | first | second
-            triangles.append((base, base | first, opposite))
-            triangles.append((base, base | second, opposite))
-    return tuple(triangles)
 
 
 # ---- drawing -------------------------------------------------------------------------------------

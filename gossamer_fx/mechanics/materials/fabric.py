@@ -39,6 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -46,11 +47,13 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.strain_path import Piece, mean_of_positive_part
+from gossamer_fx.core.forms.strain_path import Piece, gradient, mean_of_positive_part
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import (
     ROUND_OFF,
@@ -188,8 +191,10 @@ class Fabric(FilmLaw):
     # ---- the law ---------------------------------------------------------------------------------
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Equation (1) of the module."""
-        e = in_axes(e, c)
+        return self._energy_in_axes(in_axes(e, c), c)
+
+    def _energy_in_axes(self, e: Expr, c: Any) -> Expr:
+        """Equation (1) of the module, of a strain in the axes of the yarns."""
         m = self._linear(c)
         taut = (m.k1 * e[0] ** 2 + 2 * m.ν12 * m.k2 * e[0] * e[1] + m.k2 * e[1] ** 2) / 2
         total = self._by_state(e, m, taut, m.K1 * e[0] ** 2 / 2, m.K2 * e[1] ** 2 / 2, 0.0)
@@ -311,32 +316,22 @@ class Fabric(FilmLaw):
             warp, weft: engineering strains, above -1.
             shear: γ = 2 E12 [rad].
         """
-        K1 = self._slope_range("warp")[0]
-        K2 = self._slope_range("weft")[0]
-        ν12 = self.contraction
-        ν21 = ν12 * K2 / K1
-        e1 = warp + warp**2 / 2
-        e2 = weft + weft**2 / 2
-        N1 = 0.0
-        N2 = 0.0
-        if e1 + ν21 * e2 >= 0 and e2 + ν12 * e1 >= 0:
-            N1 = K1 * (e1 + ν21 * e2) / (1 - ν12 * ν21)
-            N2 = K2 * (e2 + ν12 * e1) / (1 - ν12 * ν21)
-        elif e1 > 0:
-            N1 = K1 * e1
-        elif e2 > 0:
-            N2 = K2 * e2
-        N1 += self._above("warp", e1) + self.residual_stiffness * K1 * e1
-        N2 += self._above("weft", e2) + self.residual_stiffness * K2 * e2
-        in_shear = self._slope_range("shear")[0] * abs(shear) + self._above("shear", abs(shear))
-        return N1 * (1 + warp), N2 * (1 + weft), float(np.copysign(in_shear, shear))
+        strains = ufl.as_vector([warp + warp**2 / 2, weft + weft**2 / 2, shear])
+        slopes = gradient(partial(self._energy_in_axes, c=self._numbers()), strains)
+        S = apply_derivatives(apply_algebra_lowering(slopes))
+        N1, N2, in_shear = (float(S[k](())) for k in range(3))
+        return N1 * (1 + warp), N2 * (1 + weft), in_shear
 
-    def _above(self, name: str, e: float) -> float:
-        """What a curve has beyond its first slope at a strain e [N/m]."""
-        strains, stresses = _green(name, *getattr(self, name))
-        slopes = np.diff(stresses) / np.diff(strains)
-        corners = zip(np.diff(slopes), strains[1:-1], strict=True)
-        return float(sum(change * max(e - at, 0.0) for change, at in corners))
+    def _numbers(self) -> SimpleNamespace:
+        """The numbers of the law, as `constants` names them."""
+        found = SimpleNamespace(
+            contraction=self.contraction, residual_stiffness=self.residual_stiffness
+        )
+        for name in CURVES:
+            strains, tensions = getattr(self, name)
+            setattr(found, f"{name}_strains", strains)
+            setattr(found, name, tensions)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
-from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,7 +38,7 @@ import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, on_rank_zero
-from gossamer_fx.core.drawing import Solid
+from gossamer_fx.core.drawing import BOX_CORNERS, BOX_EDGES, Solid, box_surface
 from gossamer_fx.core.model.body import Array, Attached, Body, MeshBody, Port
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
@@ -102,17 +101,9 @@ def equal_box(body: RigidBody) -> Solid:
     # Euler's tensor of a box with the edges s is diag(m s²/12) along its edges.
     moments, directions = np.linalg.eigh(body.euler_tensor)
     edges = np.sqrt(12 * np.maximum(moments, 0.0) / body.mass)
-    corners = np.array(list(product((-0.5, 0.5), repeat=3)))
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = [(a, b, c) for a, b, c, _ in faces] + [(a, c, d) for a, _, c, d in faces]
-    pairs = {tuple(sorted(pair)) for face in faces for pair in pairwise((*face, face[0]))}
-    return Solid(
-        body.name,
-        corners * edges @ directions.T,
-        np.array(triangles, dtype=np.int32),
-        np.array(sorted(pairs), dtype=np.int32),
-        on=body,
-    )
+    corners = BOX_CORNERS * edges / 2 @ directions.T
+    lines = np.array(BOX_EDGES, dtype=np.int32)
+    return Solid(body.name, corners, box_surface(corners), lines, on=body)
 
 
 def pose_of(solid: Solid, system: System) -> Array:
