@@ -27,6 +27,7 @@ fall at the rate η, and is linear in s where |s| < φ:
     T = -I (Ω d(angle)/dt + η sat(s/φ)),   η = 0.05 rad/s²,   φ = 0.02 rad/s
 
     ./gossamer demo antenna_attitude
+    ./gossamer demo antenna_attitude case=1 law=sliding
     ./gossamer run demos/antennas/antenna_attitude.py case=2 dt=0.04 --output out/turn
     ./gossamer run demos/antennas/antenna_attitude.py law=sliding stepper=generalized_alpha
     ./gossamer run demos/antennas/antenna_attitude.py case=2 rate=2.4 zeta=0.1 attitude=node order=2
@@ -35,6 +36,8 @@ fall at the rate η, and is linear in s where |s| < φ:
 
 from __future__ import annotations
 
+import inspect
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +46,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.command_line import named_values
 from demos.common.deployment import effort, print_figures, run_case
 from demos.common.figures import draw_film, finish, new_figure, save, triangles
 from gossamer_fx.extend import Array, Probe, check, combine
@@ -375,11 +379,16 @@ def draw_both(results: dict[int, dict], path: Path) -> None:
 
 
 if __name__ == "__main__":
+    # e.g. case=1 law=sliding
+    parameters = list(inspect.signature(build).parameters.values())[1:]
+    given = named_values(sys.argv[1:], {one.name: one.default for one in parameters})
+    cases = [given.pop("case")] if "case" in given else [*TARGETS]
+    check(set(cases) <= set(TARGETS), f"There is no case {cases[0]}; give 1 or 2.")
     results = {
-        case: main(case=case, output=f"out/antenna_attitude/case {case}") for case in TARGETS
+        case: main(case=case, output=f"out/antenna_attitude/case {case}", **given) for case in cases
     }
     # Of one rank only: the mesh of a picture is that of rank 0.
-    if MPI.COMM_WORLD.size == 1:
+    if MPI.COMM_WORLD.size == 1 and len(results) == len(TARGETS):
         draw_both(results, Path("out/antenna_attitude/antenna_attitude.png"))
     for case, result in results.items():
         print_figures({"case": case} | result)

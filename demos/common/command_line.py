@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from gossamer_fx.extend import InputError, check
 
@@ -23,20 +24,29 @@ def number(word: str) -> float:
     return found
 
 
-def named_numbers(words: Sequence[str], names: Collection[str]) -> dict[str, float]:
-    """Numbers by name, of words NAME=NUMBER.
+def named_values(words: Sequence[str], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by name, of words NAME=VALUE: numbers and words, of the types of the defaults.
 
     Raises:
-        InputError: a word has another form, or a name is not one of `names`.
+        InputError: a word has another form, a name is not one of the defaults, or a value is not of
+            its type.
     """
-    found = {}
+    found: dict[str, Any] = {}
     for word in words:
         name, equals, text = word.partition("=")
+        check(bool(equals), f"'{word}' has no value; give NAME=VALUE.")
         check(
-            bool(equals), f"'{word}' has no value; give NAME=NUMBER, e.g. {next(iter(names))}=0.8."
+            name in defaults, f"There is no argument '{name}'; give one of {', '.join(defaults)}."
         )
-        check(name in names, f"There is no argument '{name}'; give one of {', '.join(names)}.")
-        found[name] = number(text)
+        default = defaults[name]
+        if isinstance(default, str):
+            found[name] = text
+            continue
+        value = number(text)
+        if isinstance(default, int):
+            check(value == int(value), f"{name} is {text}; give a whole number.")
+            value = int(value)
+        found[name] = value
     return found
 
 

@@ -160,6 +160,8 @@ def draw_film(
     )
     is_first = not axes.collections
     axes.add_collection3d(faces)
+    # The box of the axes is seen from its side, and would cut the corners of what is in it.
+    faces.set_clip_on(False)
     if is_first:
         low = corners.min(axis=(0, 1))
         high = corners.max(axis=(0, 1))

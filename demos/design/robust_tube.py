@@ -34,6 +34,7 @@ short tube takes 10 to 40 seconds of CPU time.
 from __future__ import annotations
 
 import csv
+import inspect
 import math
 import sys
 from collections.abc import Sequence
@@ -46,7 +47,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.command_line import named_numbers
+from demos.common.command_line import named_values
 from demos.common.figures import BLUE, GREY, new_figure, save
 from demos.common.flat_rooted_tube import ARRIVED, LOSS_FACTOR, SCATTER
 from demos.common.flat_rooted_tube import build as flat_rooted_tube
@@ -278,7 +279,9 @@ def draw(effects: dict[str, Array], varied: Sequence[str], path: Path) -> None:
 
 if __name__ == "__main__":
     # e.g. length=0.8
-    given = named_numbers(sys.argv[1:], ["length", *NUMERICS])
+    parameters = inspect.signature(flat_rooted_tube).parameters
+    defaults = {"length": LENGTH} | {name: parameters[name].default for name in NUMERICS}
+    given = named_values(sys.argv[1:], defaults)
     length = given.pop("length", LENGTH)
     check(length in FACTORS, f"There is no design of {length} m; give a length of {[*FACTORS]}.")
     main(length, **given)

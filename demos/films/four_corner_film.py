@@ -85,7 +85,7 @@ def radius_of_arc(x: Array) -> float:
 def draw(x: Array, cells: Array, path: Path) -> None:
     """Draw the film with points x (n, 3) and triangles `cells` as PNG."""
     figure = new_figure(9.0, 6.0)
-    axes = figure.add_subplot(projection="3d")
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
     draw_film(axes, x[cells], colour="#8cb8e0", view=(40.0, -20.0), zoom=1.1)
     save(figure, path)
 

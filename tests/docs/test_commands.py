@@ -2,7 +2,17 @@
 
 A command is a line of a block of shell, a line that is indented as code, or code within a sentence.
 What takes more than some ten seconds has quick arguments, in `QUICK`, or is run by `./gossamer test
--m slow tests/docs`.  Studies, validations and benchmarks have their tests;
+-m slow tests/docs`.
+
+Commands of the other pages and of the records of evidence stand for hours.  Of them,
+
+- `demo NAME WORDS` runs until its first scene is made;
+- `run` is compiled with `--dry-run`, and the tests that `test` names are collected (both slow);
+- `study` and `validate` run in their quick form, without further words (slow, in
+  `test_quick_forms.py`), and so do those of `bench` (`tests/unit/test_benchmarks.py`);
+- full forms, `--store`, `--set` and what `tools/nightly.py` does are not run by a test: a record
+  has the commit and the day of its run.
+
 `tests/unit/test_site.py` parses the commands of all pages.
 """
 
@@ -11,18 +21,22 @@ from __future__ import annotations
 import json
 import os
 import re
+import runpy
 import shlex
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.request import urlopen
 
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.app.cli.demo import demos_of
 from tests.hanging import HANG_TIMEOUT
 
 ROOT = Path(gx.__file__).parent.parent
@@ -34,6 +48,12 @@ GUIDES = [
     *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
     *sorted((ROOT / "docs" / "howto").glob("*.md")),
 ]
+EVIDENCE = [
+    path
+    for path in sorted((ROOT / "docs").rglob("*.md"))
+    if path not in GUIDES and path.name not in ("changelog.md", "contributing.md")
+]
+RECORDS = sorted((ROOT / "docs" / "evidence").glob("*.toml"))
 BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"^ {4}(\./gossamer[^\n]*)$", re.MULTILINE)
 INLINE = re.compile(r"`((?:\./)?gossamer [^`\n]*)`")
@@ -99,7 +119,7 @@ def test_all_pages_are_read() -> None:
     ]
 
 
-# ---- in order, in a clean folder -----------------------------------------------------------------
+# ---- the steps of the guides ---------------------------------------------------------------------
 
 
 def guide_steps(is_slow: bool) -> Iterator[tuple[Path, str]]:
@@ -185,6 +205,90 @@ alone = pytest.mark.skipif(
     "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ,
     reason="commands start programs",
 )
+
+
+# ---- the commands of evidence --------------------------------------------------------------------
+
+
+def commands_in(record: Any) -> Iterator[str]:
+    """The values of all keys "command" of a record."""
+    if isinstance(record, list):
+        for part in record:
+            yield from commands_in(part)
+    if isinstance(record, dict):
+        for key, part in record.items():
+            if key == "command":
+                yield part
+            else:
+                yield from commands_in(part)
+
+
+def evidence_commands(name: str) -> list[list[str]]:
+    """Words after the name of a command, each once, on the pages and in the records of evidence."""
+    found = [command for page in EVIDENCE for command in commands_of(page)]
+    for path in RECORDS:
+        record = tomllib.loads(path.read_text(encoding="utf-8"))
+        found += [plain(words) for words in commands_in(record)]
+    split = [shlex.split(command) for command in dict.fromkeys(found)]
+    return [words[1:] for words in split if words[:1] == [name] and all(map(is_known, words))]
+
+
+class Started(Exception):
+    """A demo has taken its words, and makes its first scene."""
+
+
+@pytest.mark.parametrize(
+    "words", [one for one in evidence_commands("demo") if len(one) > 1], ids=" ".join
+)
+def test_demos_take_the_words_of_evidence(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*given: object, **named: object) -> None:
+        raise Started
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", words)
+    monkeypatch.setattr(gx.Scene, "__init__", stop)
+    monkeypatch.setattr(gx.sweep, "run_factorial", stop)
+    program = demos_of(ROOT / "demos")[words[0]]
+    # Others are refused before they start.
+    assert "sys.argv" in program.read_text(encoding="utf-8")
+    with pytest.raises(Started):
+        runpy.run_path(str(program), run_name="__main__")
+
+
+@alone
+@pytest.mark.slow
+def test_the_runs_of_evidence_are_compiled(tmp_path: Path) -> None:
+    """Without their ranks, as the test may have one core."""
+    (tmp_path / "demos").symlink_to(ROOT / "demos")
+    commands = evidence_commands("run")
+    assert len(commands) > 10
+    for words in commands:
+        if "-n" in words:
+            place = words.index("-n")
+            words = words[:place] + words[place + 2 :]
+        # A letter may stand for a number, and an option be named without a scene.
+        if words[0].endswith(".py") and all(word.isascii() for word in words):
+            run_command(shlex.join(["run", *words, "--dry-run"]), tmp_path)
+
+
+@alone
+@pytest.mark.slow
+def test_the_tests_of_evidence_can_be_collected() -> None:
+    for words in evidence_commands("test"):
+        if not any(word.startswith("tests/") for word in words):
+            continue
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "--collect-only", "-q", *words],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, f"{words}: {done.stdout[-500:]}"
+
+
+# ---- in order, in a clean folder: the commands of guides -----------------------------------------
 
 
 @alone

@@ -118,6 +118,14 @@ def test_a_mode_is_recorded_over_one_period(comm, folder):
         largest.append(max(values.max() for values in reader.values("mode_amplitude", frame)))
     # A cosine at quarters of its period: the absolute amplitude is 3 cm, 0, 3 cm, 0.
     assert largest == pytest.approx([0.03, 0.0, 0.03, 0.0], abs=1e-12)
+    # With its sign: the drum is up in one frame and down in another one.
+    middles = []
+    for frame in (0, 2):
+        [heights] = reader.values("mode_amplitude_z", frame)
+        middles.append(heights.flat[abs(heights).argmax()])
+        [along_normal] = reader.values("mode_amplitude_normal", frame)
+        assert abs(along_normal).max() == pytest.approx(0.03, rel=0.05)
+    assert middles[0] == pytest.approx(-middles[1]) and abs(middles[0]) == pytest.approx(0.03)
     ledger = reader.table("ledger.csv")
     # Energy of the vibration, half kinetic and half stored in the mean.
     assert ledger["kinetic"] + ledger["stored mode"] == pytest.approx(ledger["kinetic"].max())

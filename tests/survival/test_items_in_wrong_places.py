@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
 import typing
 from collections.abc import Iterator
 from contextlib import suppress
@@ -149,6 +150,24 @@ def test_what_has_no_joint_force_names_what_has_one() -> None:
     ):
         with pytest.raises(gx.InputError, match=words):
             gx.probes.JointForce(item, "z")(equilibrium)
+
+
+def test_a_load_is_asked_for_by_its_own_probe() -> None:
+    mass = gx.PointMass(1.0, (0.0, 0.0, -1.0), name="mass")
+    joint = gx.constraints.BallJoint(mass.port(), gx.Ground((0.0, 0.0, -1.0)), name="hook")
+    weight = gx.Gravity(mass, (0.0, 0.0, -9.81))
+    equilibrium = gx.Equilibrium(gx.Scene(joint, weight))
+    equilibrium.find()
+    words = r"a load and not a .*; ask for its force by gx.probes.LoadResultant\((.*)\)\.$"
+    with pytest.raises(gx.InputError, match=words) as error:
+        equilibrium.reaction(weight)
+    # What the message proposes is right.
+    proposal = re.search(r"gx\.probes\.LoadResultant\(.*\)", str(error.value))
+    assert proposal is not None
+    assert eval(proposal[0])(equilibrium) == pytest.approx(-9.81)
+    wrong = gx.probes.LoadResultant((0, 0, 0), "weight", action="force", axis="z")
+    with pytest.raises(gx.InputError, match="its loads, which are: 'gravity of mass'"):
+        wrong(equilibrium)
 
 
 def test_the_force_of_a_joint_in_a_hold_down_is_that_of_the_hold_down() -> None:

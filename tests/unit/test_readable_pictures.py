@@ -164,6 +164,42 @@ def test_labels_neither_overlap_nor_leave_the_page(names: list[str]) -> None:
         assert page.x0 <= box.x0 and box.x1 <= page.x1
 
 
+@pytest.mark.parametrize("largest", [0.5401, -248.6])
+def test_the_end_of_a_bar_does_not_touch_what_follows(largest: float) -> None:
+    """On a page of one picture, which is narrower than others."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from gossamer_fx.records.plot.colours import Colouring, Scale
+
+    low, high = sorted((0.0, abs(largest))) if largest > 0 else (largest, -largest)
+    scale = Scale("Slope", "", low, high, low, high)
+    colours = Colouring("slope", np.zeros((4, 3)), scale=scale, has_slack=True)
+    width = 7.0
+    figure = Figure(figsize=(width, 0.45), dpi=100)
+    FigureCanvasAgg(figure)
+    header = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    page._draw_key(header, colours, width)
+    figure.draw_without_rendering()
+    [bar] = header.child_axes
+    last = bar.get_xticklabels()[-1].get_window_extent()
+    swatches = header.get_legend()
+    assert swatches is not None
+    assert last.x1 < swatches.get_window_extent().x0
+    assert last.x1 < header.texts[0].get_window_extent().x0
+
+
+def test_a_film_in_space_is_not_cut() -> None:
+    """The box of its axes, seen from its side, is narrower than the film."""
+    from matplotlib.figure import Figure
+
+    from demos.common.figures import draw_film
+
+    axes = Figure().add_subplot(projection="3d")
+    draw_film(axes, np.eye(3)[None])
+    assert not axes.collections[0].get_clip_on()
+
+
 def test_a_curve_that_ends_at_zero_has_its_name(tmp_path: Path) -> None:
     """As the energy of a contact that has opened, on a logarithmic axis."""
     from matplotlib.figure import Figure

@@ -18,7 +18,7 @@ from gossamer_fx.core.algebra.point_measures import (
     evaluated_here,
     translation_weight,
 )
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.model.body import Array, Ground, Port, Vector
 from gossamer_fx.core.model.item import Item
@@ -65,7 +65,8 @@ class GroundForce:
             term for term in terms if issubclass(term.compiler, CompiledRows)
         ]
         known = self.supports or self.constraints or self.connectors
-        check(bool(known), _not_found(system, item, "support or joint"))
+        if not known:
+            raise InputError(_not_found(system, item, "support or joint"))
         self.clamps = [
             ClampedEdge(system, term)
             for term in terms
@@ -189,7 +190,8 @@ def joint_force(
     Collective."""
     terms = system.unknowns.terms_of(joint)
     is_joint = any(isinstance(term, PointConstraint) for term in terms)
-    check(is_joint, _not_found(system, joint, "joint"))
+    if not is_joint:
+        raise InputError(_not_found(system, joint, "joint"))
     force, moment = GroundForce(system, joint)(about)
     # Of the ground on the other side; the ground itself bears the opposite.
     sign = 1.0 if list(_bodies(joint.b)) else -1.0
@@ -223,9 +225,15 @@ def _not_found(system: System, item: Item, wanted: str) -> str:
             f"'{name}' is a {kind}, a support and not a joint; ask for its force by "
             "equilibrium.reaction."
         )
+    if name in system.balance.resultants():
+        return (
+            f"'{name}' is a {kind}, a load and not a {wanted}; ask for its force by "
+            f"gx.probes.LoadResultant((0, 0, 0), {name!r}, action='force', axis='z')."
+        )
     return (
         f"'{name}' is a {kind}, which holds nothing exactly and has no force as a {wanted}; ask "
-        "for the displacement or rotation of its ports, from which its law gives the force."
+        "for gx.probes.Reaction if it ends at the ground, else for the displacement or rotation "
+        "of its ports, from which its law gives the force."
     )
 
 

@@ -41,7 +41,7 @@ _FIELDS = {
     "group": ("Parts of the films", ""),
 }
 # Vectors, of which pictures show the length or one component, e.g. "displacement_z".
-VECTOR_FIELDS = ("displacement", "velocity")
+VECTOR_FIELDS = ("displacement", "velocity", "mode_amplitude")
 # Components by the end of their names; the normal is that of the deformed film.
 COMPONENTS = {
     "x": "along x",
@@ -50,7 +50,10 @@ COMPONENTS = {
     "normal": "along the normal of the film",
 }
 _OF_COMPONENTS = {
-    f"{vector}_{component}": (f"{vector.capitalize()} {words}", _FIELDS[vector][1])
+    f"{vector}_{component}": (
+        f"{vector.replace('_', ' ').capitalize()} {words}",
+        _FIELDS[vector][1],
+    )
     for vector in VECTOR_FIELDS
     for component, words in COMPONENTS.items()
 }

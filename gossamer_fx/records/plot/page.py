@@ -331,7 +331,9 @@ def _draw_key(header: Axes, colours: Colouring, page_width: float) -> None:
     swatches_from = "center left"
     if colours.scale is not None:
         left_of_bar = _BAR_SPACE / page_width
-        right_of_bar = 2 * left_of_bar + _BAR_SHARE
+        # The number at the end of the bar is centred there.
+        half_number = _TICK_LETTER * (len(colours.scale.ends[1]) / 2 + 1) / page_width
+        right_of_bar = left_of_bar + _BAR_SHARE + max(left_of_bar, half_number)
         words = colours.scale.label[1]
         if colours.scale.beyond and not colours.scales:
             words += f"; {colours.scale.beyond}"

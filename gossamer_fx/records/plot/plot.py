@@ -40,6 +40,8 @@ MAX_SECONDS = 3600.0
 
 # The field by which modes are coloured.
 MODE_FIELD = "mode_amplitude"
+# Share of the largest displacement from which on that along the normals is drawn.
+_OUT_OF_PLANE = 0.1
 
 # A picture that is enlarged by less than this factor counts as of the scale of the others.
 _SAME_SCALE = 1.05
@@ -288,6 +290,9 @@ def modes(
 ) -> None:
     """Write a PNG of vibration modes side by side, each at its largest displacement.
 
+    Films are coloured by their displacement along the normal, with its sign, or by its length where
+    they move in their planes.
+
     Args:
         folders: of the modes, as `outputs.record_modes` returns them.
         path: of the file, ending in `.png`.
@@ -321,7 +326,13 @@ def modes(
         # All modes are shown with the same largest displacement, which may be that of a body
         # without a mesh.
         shown = runs[0].about["result"]["largest displacement shown [m]"]
-        colours = colouring(runs[0], MODE_FIELD, Limits(low=0.0, high=float(shown)))
+        along_normals = [run.values(f"{MODE_FIELD}_normal", 0) for run in runs]
+        largest = max(float(abs(part).max()) for parts in along_normals for part in parts)
+        if largest > _OUT_OF_PLANE * shown:
+            limits = Limits(low=-float(shown), high=float(shown))
+            colours = colouring(runs[0], f"{MODE_FIELD}_normal", limits)
+        else:
+            colours = colouring(runs[0], MODE_FIELD, Limits(low=0.0, high=float(shown)))
     shapes = [colours.shape(run, 0) for run in runs]
     camera = aim(shapes, replace(view or View(), zoom=False))
     views = Views(

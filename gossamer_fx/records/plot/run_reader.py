@@ -545,6 +545,8 @@ class RecordedMesh:
         # The last step that was read: a picture asks for several of its fields.
         self._step = -1
         self._grid = mesh
+        # Over all steps [m]; None until it is asked for.
+        self._mean_positions: Array | None = None
         self._find_vertices()
 
     def grid(self, step: int) -> Grid:
@@ -578,13 +580,13 @@ class RecordedMesh:
         """Values of a field at the corners of the pieces at a step, of the shape of `pieces`; of
         vectors their lengths, or the component that the name asks for."""
         recorded, component = split_component(field)
-        values = self.components(recorded, step)
-        if component == "normal":
-            corners = self.positions(step)[self.pieces]
-            normals = smooth_normals(corners, self.vertices)
-            return (values[self.pieces] * normals).sum(axis=2)
         if component:
-            return values[self.pieces, "xyz".index(component)]
+            vectors = self.vectors(recorded, step)[self.pieces]
+            if component == "normal":
+                normals = smooth_normals(self.positions(step)[self.pieces], self.vertices)
+                return (vectors * normals).sum(axis=2)
+            return vectors[..., "xyz".index(component)]
+        values = self.components(field, step)
         if values.ndim == 2:
             values = np.linalg.norm(values, axis=1)
         if with_unit(field) in self.grid(step).arrays:
@@ -592,6 +594,19 @@ class RecordedMesh:
         # The pieces of a cell follow each other.
         of_pieces = values.repeat(len(self.pieces) // self._cells)
         return of_pieces[:, None].repeat(self.pieces.shape[1], axis=1)
+
+    def vectors(self, field: str, step: int) -> Array:
+        """Vectors (p, 3) of a field at the points at a step.
+
+        Of a mode its amplitude was recorded without a direction: the vector is the way from the
+        mean position over the period.
+        """
+        if field != "mode_amplitude":
+            return self.components(field, step)
+        if self._mean_positions is None:
+            all_steps = [self.positions(one) for one in range(len(self.times))]
+            self._mean_positions = np.mean(all_steps, axis=0)
+        return self.positions(step) - self._mean_positions
 
     def positions(self, step: int) -> Array:
         """Positions (p, 3) of the points at a step [m]."""

@@ -192,7 +192,11 @@ def resultant(run: StateView, load: str) -> Array:
     """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3)."""
     found = run.system.balance.resultants()
     # Before the first step no load has acted, so none has a resultant yet.
-    check(load in found or run.step == 0, f"The scene has no load '{load}'.")
+    names = ", ".join(f"'{name}'" for name in found) or "none"
+    check(
+        load in found or run.step == 0,
+        f"The scene has no load '{load}'; give the name of one of its loads, which are: {names}.",
+    )
     return found.get(load, np.zeros((2, 3)))
 
 

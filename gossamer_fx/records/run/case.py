@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 class Case:
     """A case for `./gossamer run`: the return value of the function `build(comm)` of a scene file.
 
+    A scene at rest is a `gx.analysis.StaticCase`.
+
     Args:
         scene: bodies, gas, constraints, loads, contacts.
         stepper: time stepping rule, e.g. `Midpoint(dt=1e-3)`.
