@@ -119,6 +119,24 @@ def orthotropic_film(at: Description) -> Made:
     return of_film(at.film(patch(crossed_sheet, 4, 4), law, velocity=flutter))
 
 
+def film_with_friction(at: Description) -> Made:
+    """A fabric whose yarns slide on each other, in two branches."""
+    fabric = {"E1": 1e8, "E2": 1e8, "nu12": 0.1, "G12": 5e6, "density": 1400.0, "thickness": 1e-4}
+    law = at.law(gx.LinearOrthotropic, **fabric, direction=at.vector((1.0, 0.3, 0.0)))
+    film = at.film(patch(crossed_sheet, 4, 4), law, velocity=flutter)
+    friction = [
+        gx.loads.InternalFriction(
+            body,
+            strain=(0.2, -0.5, 1.0),
+            stiffness=(at(5e3, "N/m"), at(2e3, "N/m")),
+            limit=(at(2.0, "N/m"), at(5.0, "N/m")),
+            name=f"friction of {body.name}",
+        )
+        for body in film.bodies
+    ]
+    return of_film(film, *friction)
+
+
 def heated_film(at: Description) -> Made:
     """A film that cools and is taut, more on one side."""
 
@@ -478,6 +496,7 @@ KINDS = (
     Kind("wrinkling film", wrinkling_film, 1e-3, 6, 1e-9),
     Kind("film of order two", film_of_order_two, 1e-3, 6, 1e-9),
     Kind("orthotropic film", orthotropic_film, 1e-3, 6, 1e-9),
+    Kind("film with friction", film_with_friction, 1e-3, 6, 1e-9),
     Kind("heated film", heated_film, 1e-3, 6, 1e-9),
     Kind("reinforced film", reinforced_film, 1e-3, 6, 1e-8),
     Kind("pulled film", pulled_film, 0.0, 0, 1e-7),

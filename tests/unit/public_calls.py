@@ -411,6 +411,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Tie", a=film, group_a="left", b=plate, group_b="left")
     add("Tolerances")
     add("loads.Torque", frame=A, torque=z)
+    woven = gx.Membrane(mesh, gx.LinearOrthotropic(**fabric, direction=(1.0, 0.0, 0.0)))
+    add("loads.InternalFriction", body=woven, strain=z, stiffness=(1e3,), limit=(5.0,))
     add("loads.Viscoelasticity", body=beam, ratios=(0.5, 0.2), times=(1.0, 60.0))
     add("loads.flat_damping", body=film, loss_factor=0.01, band=(1.0, 1e3), tension_only=True)
     add("connectors.TorsionDamper", **hinge, damping=1.0)

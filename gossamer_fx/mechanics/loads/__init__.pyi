@@ -4,6 +4,7 @@ from .edge_load import EdgeLoad as EdgeLoad
 from .edge_load import EdgeMoment as EdgeMoment
 from .force import Force as Force
 from .force import Torque as Torque
+from .internal_friction import InternalFriction as InternalFriction
 from .pressure import FluidPressure as FluidPressure
 from .pressure import StandardAtmosphere as StandardAtmosphere
 from .pressure import UniformFluid as UniformFluid

@@ -58,7 +58,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import ufl
@@ -66,27 +66,25 @@ from dolfinx import fem
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
+from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient
-from gossamer_fx.core.model.body import Array, MeshBody
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.loads.branches import BranchEnergies, BranchForces
 from gossamer_fx.mechanics.loads.damping import matrix_of, stiffness_entries
 from gossamer_fx.mechanics.materials.film import FilmLaw
-from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler, HistoryVariables
+from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.element_energies import (
-    ElementEnergies,
     ViscousDissipation,
-    ViscousForces,
-    quadrature_element,
 )
 
 
@@ -265,66 +263,19 @@ def _taut_law(body: Membrane | Cable) -> FilmLaw | None:
     return law if law.quadratic and has_inverse else None
 
 
-class RelaxingEnergies(ElementEnergies, HistoryVariables):
+class RelaxingEnergies(BranchEnergies):
     """All `RelaxingEnergy` terms of a scene; at rest they have no stress."""
 
+    relaxes = True
+
     def __init__(self, terms: Sequence[RelaxingEnergy], system: Assembly) -> None:
-        self._relaxing: list[RelaxingForces] = []
         super().__init__([] if system.rule.is_static else terms, system)
 
-    def _viscous_forces(
+    def _branch_forces(
         self, term: ViscousDissipation, at: Coordinates, rule: StressRule
-    ) -> ViscousForces:
+    ) -> RelaxingForces:
         assert isinstance(term, RelaxingEnergy)
-        forces = RelaxingForces(term, at, rule)
-        self._relaxing.append(forces)
-        return forces
-
-    def begin_step(self, t: float) -> None:
-        super().begin_step(t)
-        for forces in self._relaxing:
-            forces.begin_step(self._system.h)
-
-    def take_time(self, t: float) -> None:
-        # A state is restored: what is committed next is not the end of a step.
-        for forces in self._relaxing:
-            forces.in_step = False
-
-    def commit(self) -> None:
-        for forces in self._relaxing:
-            forces.commit()
-
-    def energies(self) -> dict[str, float]:
-        return {forces.term.name: forces.energy() for forces in self._relaxing}
-
-    def without_gradient(self) -> str:
-        for forces in self._relaxing:
-            return f"the stress of '{forces.term.name}' depends on its history; leave it out"
-        return ""
-
-    def get_history(self) -> dict[str, Any]:
-        """Empty: all history is that of cells."""
-        return {}
-
-    def shape_history(self) -> dict[str, Any]:
-        return self.get_history()
-
-    def set_history(self, state: dict[str, Any]) -> None:
-        """Nothing to do: the arrays of `cell_history` have been written to."""
-
-    def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
-        """The elastic strains by number of the term, of its branch, and of the row in `history`; as
-        those of one more branch the mean stresses."""
-        found = {}
-        for i, forces in enumerate(self._relaxing):
-            for k, z in enumerate([*forces.history, forces.mean]):
-                for j, values in enumerate(z):
-                    found[f"elastic strain {i} {k} {j}"] = forces.term.body, values
-        return found
-
-    def branches_of(self, body: MeshBody) -> list[RelaxingForces]:
-        """Those of a body, whose stresses fields add."""
-        return [forces for forces in self._relaxing if forces.term.body is body]
+        return RelaxingForces(term, at, rule)
 
 
 @dataclass(frozen=True, eq=False)
@@ -385,16 +336,9 @@ class StepWeights:
         return StepWeights(decay=1 - x * change, change=change, mean=mean)
 
 
-class RelaxingForces(ViscousForces):
+class RelaxingForces(BranchForces):
     """Stresses, loss and history of one `RelaxingEnergy`; numbers of equations are those of the
-    module.
-
-    Attributes:
-        in_step: whether the next state that is committed is the end of a step.
-        history: z_k of each branch, a row for each component at each point of the n cells that
-            this rank owns.
-        mean: the stress of all branches in the mean of the last step, as one of `history`.
-    """
+    module.  The history variables are the z_k of each branch."""
 
     term: RelaxingEnergy
 
@@ -402,11 +346,7 @@ class RelaxingForces(ViscousForces):
         """Make the history, all zero, and compile.  Collective."""
         mesh = at.q1.function_space.mesh
         (size,) = term.measure(at.q1).ufl_shape
-        metadata = term.dx.metadata()
-        space = fem.functionspace(mesh, quadrature_element(mesh, metadata, (size,)))
-        topology = mesh.topology
-        # Quadrature points of each owned cell
-        self._rows = cell_nodes(space)[: topology.index_map(topology.dim).size_local]
+        space = fem.functionspace(mesh, self._element(term, mesh, size))
         # Σ r_k φ_k z_k and Σ r_k g_k of the present step, of which the stress is made
         self._start = fem.Function(space)
         self._gain = constant(mesh, 0.0)
@@ -417,14 +357,11 @@ class RelaxingForces(ViscousForces):
         # C_n of a film that wrinkles, row by row
         self._stiffness: fem.Function | None = None
         if term.wrinkling is not None:
-            element = quadrature_element(mesh, metadata, (size * size,))
+            element = self._element(term, mesh, size * size)
             self._stiffness = fem.Function(fem.functionspace(mesh, element))
-        count = self._rows.shape[1] * size
-        self.history = [np.zeros((count, len(self._rows))) for _ in term.times]
-        self.mean = np.zeros((count, len(self._rows)))
         self._weights = [StepWeights.of(0.0, time) for time in term.times]
-        self.in_step = False
         super().__init__(term, at, rule)
+        self.history = [self._nothing(size) for _ in term.times]
         self._energy = compile_form(self._ratio * term.density(self._z) * term.dx)
         points = interpolation_points(space)
         strain = term.measure(at.q1)
@@ -443,7 +380,6 @@ class RelaxingForces(ViscousForces):
             entries = stiffness_entries(term.wrinkling.density, strain)
             self._set_stiffness = tabulation(compile_expression(entries, points), self._stiffness)
         # The stress of Σ r_k z_k, for fields
-        self._shown = fem.Function(space)
         self._set_shown: Callable[[], None] = tabulation(
             compile_expression(self._stress_of(self._z), points), self._shown
         )
@@ -490,7 +426,6 @@ class RelaxingForces(ViscousForces):
         return loss
 
     def begin_step(self, h: float) -> None:
-        self.in_step = True
         self._weights = [StepWeights.of(h, time) for time in self.term.times]
         self._gain.value = sum(
             ratio * weights.mean
@@ -501,14 +436,10 @@ class RelaxingForces(ViscousForces):
     def commit(self) -> None:
         """Take the strain of the accepted state, and at the end of a step z by equation (2)."""
         if self.in_step:
-            self.in_step = False
             self._set_change()
-            (size,) = self._change.function_space.value_shape
-            # Δε in the order of `history`: a column for each cell.
-            rows = self._change.x.array.reshape(-1, size)[self._rows]
-            change = rows.reshape(len(self._rows), -1).T
+            change = self._values_of(self._change)
             self._show(self._mean_of(change))
-            self.mean[:] = self._shown_values()
+            self.mean[:] = self._values_of(self._shown)
             for weights, z in zip(self._weights, self.history, strict=True):
                 z *= weights.decay
                 z += weights.change * change
@@ -522,50 +453,16 @@ class RelaxingForces(ViscousForces):
             total += ratio * (weights.change * z + weights.mean * change)
         return total
 
-    def _put(self, values: Array, function: fem.Function) -> None:
-        """Copy values in the order of `history` to a function of the forms."""
-        (size,) = function.function_space.value_shape
-        ordered = values.T.reshape(*self._rows.shape, size)
-        function.x.array.reshape(-1, size)[self._rows] = ordered
-
     def _show(self, strains: Array) -> None:
         """Set the shown stress to that of strains of the branches, as one of `history`."""
         self._put(strains, self._z)
         self._set_shown()
 
-    def _shown_values(self) -> Array:
-        """The shown stress, as one of `history`."""
-        (size,) = self._shown.function_space.value_shape
-        rows = self._shown.x.array.reshape(-1, size)[self._rows]
-        return rows.reshape(len(self._rows), -1).T
-
-    def shown_stress(self, at_end: bool) -> tuple[fem.Function, Callable[[], None]]:
-        """The stress of the branches at the end of the last step, or in its mean, as a
-        discontinuous function, and what sets it through the values at the quadrature points of each
-        cell."""
-        space = self._shown.function_space
-        (size,) = space.value_shape
-        order = self.term.body.space.ufl_element().degree - 1
-        smooth = fem.functionspace(space.mesh, ("Discontinuous Lagrange", order, (size,)))
-        function = fem.Function(smooth)
-        [shapes] = smooth.ufl_element().sub_elements[0].tabulate(0, interpolation_points(space))
-        through_points = np.linalg.pinv(shapes)
-        nodes = cell_nodes(smooth)[: len(self._rows)]
-
-        def update() -> None:
-            at_points = self.mean
-            if at_end:
-                parts = zip(self.term.ratios, self.history, strict=True)
-                self._show(np.asarray(sum(ratio * z for ratio, z in parts)))
-                at_points = self._shown_values()
-            values = at_points.T.reshape(len(nodes), -1, size)
-            function.x.array.reshape(-1, size)[nodes] = through_points @ values
-            function.x.scatter_forward()
-
-        return function, update
+    def show_end(self) -> None:
+        parts = zip(self.term.ratios, self.history, strict=True)
+        self._show(np.asarray(sum(ratio * z for ratio, z in parts)))
 
     def energy(self) -> float:
-        """Stored energy [J] of the branches, this rank's share."""
         energy = 0.0
         for ratio, z in zip(self.term.ratios, self.history, strict=True):
             self._put(z, self._z)

@@ -27,9 +27,9 @@ few terms: the path meets each of the four cones (2) in one interval, and corner
 `bodies.tabulated_cable`.  (1) is convex unless slopes fall so far that the product of both is at
 most (ν12 k2)², which is checked.
 
-Limits.  Loading and unloading follow the same curve: there is no hysteresis and no friction between
-yarns.  Contraction is that of small strain.  The axes turn with the film and stay orthogonal in
-(1): large shear angles, as in draping, are not followed.
+Limits.  Loading and unloading follow the same curve; friction between yarns is that of
+`loads.InternalFriction`.  Contraction is that of small strain.  The axes turn with the film and
+stay orthogonal in (1): large shear angles, as in draping, are not followed.
 
 Source: laws of the same kind are LAW58 of Radioss and MAT_FABRIC, form 14, of LS-DYNA, by their
 published manuals; the relaxation is that of `orthotropic` in fixed axes.

@@ -101,8 +101,13 @@ if TYPE_CHECKING:
 
 
 class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissipation"]):
-    """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
+    """All `StoredEnergy` and `ViscousDissipation` terms of a scene.
 
+    Attributes:
+        relaxes: whether stresses follow from strains by rates of history variables.
+    """
+
+    relaxes: ClassVar[bool] = False
     forces_are_forms = True
     has_shape_derivative = True
 
@@ -142,7 +147,7 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
     def _viscous_forces(
         self, term: ViscousDissipation, at: Coordinates, rule: StressRule
     ) -> ViscousForces:
-        """The stresses of a term; `loads.viscoelasticity` overrides this for those with history."""
+        """The stresses of a term; `loads.branches` overrides this for those with history."""
         return ViscousForces(term, at, rule)
 
     def begin_step(self, t: float) -> None:
@@ -167,7 +172,7 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
                 force.evaluate()
 
     def branches_of(self, body: MeshBody) -> list[Any]:
-        """The forces of viscoelastic branches of a body, whose stresses fields add."""
+        """The forces of branches of a body, as of one that relaxes, whose stresses fields add."""
         return []
 
     def add_forces(self, r: PETSc.Vec) -> None:

@@ -9,7 +9,7 @@ the mean is: of rules that take the stress at the end of a step, or in its middl
 and so it is in statics.
 
 All of them follow from the coordinates at both ends of the last step, which checkpoints contain,
-and of viscoelastic bodies from the strains of their branches.
+and of bodies that relax or have internal friction from the strains of their branches.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ PATH_POINTS = tuple((k + 0.5) / 20 for k in range(20))
 
 
 def _branches_of(body: MeshBody, system: System) -> list[Any]:
-    """The branches of a viscoelastic body in a compiled scene; none of other bodies."""
+    """The branches of a body that relaxes or has internal friction, in a compiled scene."""
     kinds = system.equations.compiled_as(ElementEnergies)
     return [branch for compiled in kinds for branch in compiled.branches_of(body)]
 
@@ -126,7 +126,7 @@ class BodyShape:
         self._curvature: ThermalCurvature | None = None
         if getattr(self.body, "thermal", None) is not None:
             self._add_expansion()
-        # The branches of a viscoelastic body
+        # The branches of a body that relaxes or has internal friction
         self._relaxing = _branches_of(body, system)
         # Stresses that they add where a stress is shown, and what sets them
         self._branches: list[tuple[fem.Function, Callable[[], None]]] = []

@@ -74,10 +74,10 @@ class StartFrom(InitialCondition):
 
     Of items that are in both scenes, as the same objects, it also takes pairs in contact with their
     stiffness, rest angles of creases that yield, paid out lengths of braked ropes, largest strains
-    of cords, strains of viscoelastic branches, temperatures of films in sunlight and what latches
-    hold; of all but contact and latches if both scenes have the same ones.  Gas begins with the
-    pressure of its chamber, and time with zero.  Velocities and spins are those of the bodies as
-    they were made, in space: bodies that have turned spin about the same axis.
+    of cords, strains of branches that relax or slide, temperatures of films in sunlight and what
+    latches hold; of all but contact and latches if both scenes have the same ones.  Gas begins with
+    the pressure of its chamber, and time with zero.  Velocities and spins are those of the bodies
+    as they were made, in space: bodies that have turned spin about the same axis.
 
     Args:
         system: the other scene's system, e.g. `equilibrium.system`.

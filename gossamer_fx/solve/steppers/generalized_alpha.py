@@ -11,7 +11,6 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import NotConverged, check
-from gossamer_fx.mechanics.terms.assembly import HistoryVariables
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.mechanics.terms.element_energies import ElementEnergies
 from gossamer_fx.solve.solvers import factorisation
@@ -96,7 +95,7 @@ class GeneralizedAlpha(Stepper):
         relaxing = [
             name
             for kind in system.equations.compiled
-            if isinstance(kind, ElementEnergies) and isinstance(kind, HistoryVariables)
+            if isinstance(kind, ElementEnergies) and kind.relaxes
             for name in kind.losses
         ]
         if relaxing and system.comm.rank == 0:
