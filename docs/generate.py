@@ -581,6 +581,22 @@ def measured_tests() -> str:
     return head + table_of_tests()
 
 
+def measured_intervals() -> str:
+    """The intervals of every test of the validation, and what its cases state about inputs."""
+    from demos.validation.__main__ import table_of_intervals, tables_of_uncertainties
+
+    stated, exact = tables_of_uncertainties()
+    return (
+        "# Measured: intervals and what they are from\n\nHow sure is each predicted and each "
+        "measured number, and why? [Measured](../measured.md#how-sure-a-number-is) says how the "
+        "intervals are made. Of a curve the first table has the values in the middle of its "
+        "range.\n\n"
+        f"{table_of_intervals()}\n## What is stated\n\nThe uncertainties of inputs and measured "
+        "values as the cases state them. A range of values is that of the tests.\n\n"
+        f"{stated}\n## What is taken as exact\n\n{exact}"
+    )
+
+
 def benchmark_points() -> str:
     """Every point of the error curves, from the stored results."""
     # The scripts of the benchmarks import each other by their names.
@@ -602,6 +618,7 @@ def pages() -> dict[str, str]:
         "presets": presets(),
         "meshes": meshes(),
         "measured_tests": measured_tests(),
+        "measured_intervals": measured_intervals(),
         "benchmark_points": benchmark_points(),
         "studies": (ROOT / "demos" / "studies" / "summary.md").read_text(encoding="utf-8"),
     }

@@ -7,8 +7,12 @@ are not computed again.  Ends with code 1 if a test fails, an error is larger th
 this form and the stored results have not missed that, too, a prediction differs from the stored one
 in either direction, or on a warning that the case does not expect.
 
-With --set the tests have other inputs; with --sensitivity each input is changed in turn and the
-errors are printed.
+With --set the tests have other inputs.
+
+With --sensitivity each input is changed in turn by its standard uncertainty, and tables show the
+changes and the intervals of the predictions; in the quick form these are the changes of the quick
+form about the stored predictions of the full one.  With --store in addition they are stored in
+demos/validation/intervals, and the pages are written.
 
 With --store the results are those that docs/measured.md shows: they go to demos/validation/results,
 and from all that is there the table of the page (a row for each quantity), the sentences of
@@ -33,10 +37,21 @@ from mpi4py import MPI
 
 from demos.validation.engine.case import Case, read_case, with_inputs
 from demos.validation.engine.comparison import compared_numbers, results_by_test, with_measured
+from demos.validation.engine.interval_report import (
+    Stored,
+    counted_intervals,
+    exact_rows,
+    headline,
+    interval_picture,
+    named_intervals,
+    stated_rows,
+    summary_rows,
+    test_rows,
+)
 from demos.validation.engine.overview import accuracy_words, overview
 from demos.validation.engine.report import figure, rows, summary
 from demos.validation.engine.results import case_set
-from demos.validation.engine.sensitivity import sensitivities
+from demos.validation.engine.sensitivity import change_set
 from gossamer_fx.extend import (
     InputError,
     Judgement,
@@ -54,10 +69,13 @@ from gossamer_fx.extend import (
 HERE = Path(__file__).resolve().parent
 CASES = HERE / "cases"
 STORED = HERE / "results"
+# Changes of the predictions of each case by its inputs and by mesh and step.
+CHANGES = HERE / "intervals"
 ROOT = HERE.parent.parent
 PAGE = ROOT / "docs" / "measured.md"
 FIRST_PAGE = ROOT / "README.md"
 OVERVIEW = STORED / "overview.png"
+INTERVALS = STORED / "intervals.png"
 MODELS = sorted(p.stem for p in (HERE / "models").glob("*.py") if not p.stem.startswith("_"))
 NAMES = sorted(path.stem for path in CASES.glob("*.toml"))
 # Largest relative change of a prediction from the stored one that another processor or library may
@@ -66,13 +84,18 @@ REPEATABILITY = 1e-3
 # The part of a page that is written by this command.
 BETWEEN = re.compile(r"(?<=<!-- measured -->\n).*?(?=<!-- /measured -->)", re.DOTALL)
 
+BETWEEN_INTERVALS = re.compile(
+    r"(?<=<!-- measured intervals -->\n).*?(?=<!-- /measured intervals -->)", re.DOTALL
+)
+
 
 def main(words: list[str] | None = None) -> int:
     """Validate the cases that the command line names; returns 1 if something is missed."""
     comm = MPI.COMM_WORLD
     wanted = _parser().parse_args(words)
+    is_full = not wanted.quick or wanted.sensitivity
     check(
-        not wanted.store or (not wanted.quick and wanted.name in (*NAMES, "all")),
+        not wanted.store or (is_full and wanted.name in (*NAMES, "all")),
         "--store is for full forms of the cases of demos/validation; leave --quick or the file "
         "out.",
     )
@@ -91,12 +114,12 @@ def main(words: list[str] | None = None) -> int:
             continue
         case = case.with_only(wanted.only)
         if wanted.sensitivity:
-            for line in sensitivities(case, comm, quick=wanted.quick, only=wanted.only):
-                if comm.rank == 0:
-                    print(line, flush=True)
+            _change_inputs(case, comm, wanted)
             continue
         judgements[case.name], known[case.name] = _validate(case, comm, wanted)
     if wanted.sensitivity:
+        if wanted.store:
+            on_rank_zero(comm, write_pages)
         return 0
     text, is_well = verdict(judgements, known)
     if comm.rank == 0:
@@ -141,6 +164,28 @@ def _validate(
     return cases.judgements(results), known_judgements
 
 
+def _change_inputs(case: Case, comm: MPI.Intracomm, wanted: argparse.Namespace) -> None:
+    """Compute and print the changes of the predictions of a case, and store them if asked to."""
+    is_own = wanted.name in (*NAMES, "all") and not wanted.set
+    full = read_results(STORED / f"{case.name}.json", case.name) if is_own else []
+    cases = change_set(case, comm, wanted.quick, wanted.only, full)
+    folder = wanted.out / f"{case.name}-intervals{'-quick' * wanted.quick}"
+    found = run_cases(cases, comm, folder, fresh=wanted.fresh)
+    if comm.rank == 0:
+        print(markdown_table(test_rows([(case, full, found)])))
+    if not wanted.store:
+        return
+    path = CHANGES / f"{case.name}.json"
+
+    def store() -> None:
+        known = read_results(path, case.name) if path.is_file() else []
+        by_test = {result.values["test"]: result for result in [*known, *found]}
+        results = [result for _, result in results_by_test(case, list(by_test.values()))]
+        write_results(path, case.name, results)
+
+    on_rank_zero(comm, store)
+
+
 def _parser() -> argparse.ArgumentParser:
     about = (__doc__ or "").splitlines()[0]
     parser = argparse.ArgumentParser(prog="gossamer validate", description=about)
@@ -160,7 +205,9 @@ def _parser() -> argparse.ArgumentParser:
         help="another number as an input, in the unit of the case; may be repeated",
     )
     parser.add_argument(
-        "--sensitivity", action="store_true", help="the error with each input 1 %% larger"
+        "--sensitivity",
+        action="store_true",
+        help="change each input by its standard uncertainty, and print the intervals",
     )
     parser.add_argument("--fresh", action="store_true", help="compute everything again")
     parser.add_argument(
@@ -206,10 +253,36 @@ def stored() -> list[tuple[Case, list[Result]]]:
     return found
 
 
+def stored_changes() -> list[Stored]:
+    """All cases with their stored results and the stored changes of their predictions."""
+    found = []
+    for case, results in stored():
+        path = CHANGES / f"{case.name}.json"
+        known = read_results(path, case.name) if path.is_file() else []
+        found.append((case, results, known))
+    return found
+
+
 def page_table() -> str:
     """The tables of the page: the count, and a row for each quantity of a case."""
-    cases = stored()
-    return f"{accuracy_words(cases)}\n\n{markdown_table(summary(cases))}"
+    return f"{first_page_words()}\n\n{markdown_table(summary(stored()))}"
+
+
+def page_intervals() -> str:
+    """The table of intervals of the page: a row for each quantity of a case."""
+    return markdown_table(summary_rows(stored_changes()))
+
+
+def table_of_intervals() -> str:
+    """The intervals of all tests, which the site has on a separate page."""
+    return markdown_table(test_rows(stored_changes()))
+
+
+def tables_of_uncertainties() -> tuple[str, str]:
+    """What all cases state about inputs and measured values, and which inputs have no
+    uncertainty."""
+    cases = [case for case, _ in stored()]
+    return markdown_table(stated_rows(cases)), markdown_table(exact_rows(cases))
 
 
 def table_of_tests() -> str:
@@ -219,19 +292,31 @@ def table_of_tests() -> str:
 
 def first_page_words() -> str:
     """The sentences of the first page about all cases."""
-    return accuracy_words(stored())
+    intervals = stored_changes()
+    words = accuracy_words(stored(), counted_intervals(intervals))
+    return f"{words}\n{headline(intervals)}"
 
 
 def write_pages() -> None:
     """Put tables and sentences into the pages, and draw all cases."""
-    for page, part in ((PAGE, page_table()), (FIRST_PAGE, first_page_words())):
+    for page, place, part in (
+        (PAGE, BETWEEN, page_table()),
+        (PAGE, BETWEEN_INTERVALS, page_intervals()),
+        (FIRST_PAGE, BETWEEN, first_page_words()),
+    ):
         # An installed program has no pages.
         if page.is_file():
             old = page.read_text(encoding="utf-8")
             # A function, since backslashes in a replacement have a meaning.
-            new = BETWEEN.sub(lambda _, part=part: f"\n{part}\n", old)
+            new = place.sub(lambda _, part=part: f"\n{part}\n", old)
             page.write_text(new, encoding="utf-8")
     overview(stored(), OVERVIEW)
+    interval_picture(stored_changes(), INTERVALS)
+    for case, results, found in stored_changes():
+        # Cases without intervals were drawn when their results were stored.
+        if found:
+            intervals = named_intervals(case, results, found)
+            figure(case, results, STORED / f"{case.name}.png", intervals)
 
 
 if __name__ == "__main__":

@@ -23,10 +23,12 @@ from demos.validation.__main__ import (
     main,
     page_table,
     stored,
+    stored_changes,
     table_of_tests,
 )
 from demos.validation.engine.case import read_case
 from demos.validation.engine.comparison import Predicted, compare, comparisons
+from demos.validation.engine.interval_report import counted_intervals
 from demos.validation.engine.overview import (
     count_rows,
     counted,
@@ -316,9 +318,11 @@ def test_what_is_no_prediction_is_not_counted():
     left_out = [mark for mark in asked if mark.comparison.measured.not_counted]
     others = [mark for mark in asked if mark.comparison.measured.evidence != "experiment"]
     assert len(experiments) + len(left_out) + len(others) == len(asked)
-    [*rows] = count_rows(stored())
+    [*rows] = count_rows(stored(), counted_intervals(stored_changes()))
     right = sum(mark.comparison.is_accepted() for mark in experiments)
     assert rows[-1][1] == str(len(experiments)) and int(rows[-1][2]) <= right
+    # No prediction has two verdicts.
+    assert sum(map(int, rows[-1][5:])) <= len(experiments)
 
 
 def test_a_quantity_on_a_coarse_mesh_is_a_miss(folder):
@@ -345,7 +349,8 @@ def test_the_first_page_shows_the_worst_miss():
 def test_the_rows_of_the_page_count_every_test():
     counted = re.findall(
         r"^\| [^|]+ \| [^|]+ \| \w+ \| [^|]+ \| (\d+) \| [^|]* \| (?:[-+.\de]+|failed) \|",
-        page_table(),
+        # The second table: the first one counts kinds.
+        page_table().split("| compared with |")[-1],
         re.MULTILINE,
     )
     # The table of all tests has two further lines: its head, and the rule below it.

@@ -13,13 +13,14 @@ from demos.validation.engine.case import Inputs
 from demos.validation.models import (
     everting_film,
     everting_tube,
+    fabric_bulge,
     leaking_vessel,
     prestressed_film,
     tape_spring,
 )
 from demos.validation.models.capstan import helix, tangent
 from demos.validation.models.despinner import closed_form
-from demos.validation.models.fabric_bulge import LAWS, SLACK_LOAD, Disc
+from demos.validation.models.fabric_bulge import LAWS, SLACK_LOAD, Disc, Start
 from demos.validation.models.hanging_kite import (
     bending_share,
     check_fits,
@@ -246,6 +247,85 @@ def test_a_slack_disc_bulges_by_the_solution_of_hencky(comm, strain):
     assert disc.stiffness(pressures, heights) == pytest.approx(1.7e5, rel=1e-5)
 
 
+def test_a_domed_disc_keeps_its_shape_under_a_small_load_and_follows_a_measured_profile(comm):
+    """A spherical cap of radius R bears p R/2 in its wall, whose strain (1 - ν) p R/(2 E t) is 1e-3
+    of the radius at the smallest load of the curve; far from the rim it grows by this."""
+    law = gx.Linear(E=1.7e8, nu=0.24, density=1e3, thickness=1e-3)
+    start = Start.cap(0.1, 0.03)
+    sphere = (0.1**2 + 0.03**2) / (2 * 0.03)
+    assert start.height(np.array([0.06]), np.array([0.0])) == pytest.approx(
+        math.sqrt(sphere**2 - 0.06**2) - (sphere - 0.03), rel=1e-6
+    )
+    disc = Disc(0.1, law, 4, comm, start)
+    load = 5e-3
+    exact = (1 - 0.24) * load * 1.7e5 / 0.1 * sphere / (2 * 1.7e5) * sphere
+    [height] = disc.bulge.heights(np.array([load * disc.unit_pressure]))
+    assert height - 0.03 == pytest.approx(exact, rel=0.5) and height > 0.03
+    # Heights of the wall grow with the load, and less than those of a flat disc.
+    loads = np.array([0.01, 0.1, 0.3])
+    flat = Disc(0.1, law, 4, comm)
+    growth = disc.heights(loads) - 0.03
+    assert np.all(np.diff(growth) > 0) and np.all(growth < flat.heights(loads))
+
+
+FABRIC = {
+    "radius": {"value": 100, "unit": "mm"},
+    "poisson": {"value": 0.24, "unit": "1"},
+    "strain": "logarithmic",
+    "known_pressures": {"value": [0.5, 1, 2], "unit": "bar"},
+    "known_heights": {"value": [25, 30, 38], "unit": "mm"},
+    "pressure": {"value": 1, "unit": "bar"},
+    "cells": {"value": 2, "unit": "1"},
+}
+
+
+def test_a_start_shape_is_an_input_of_the_bulge(comm):
+    """The profile of a cap gives what the cap does, and less in-plane motion than a flat disc."""
+    cap = Start.cap(0.1, 0.01)
+    profile = {"value": 1e3 * np.column_stack([cap.radii, cap.heights]), "unit": "mm"}
+    profile["value"] = profile["value"].tolist()
+    shapes = (
+        {},
+        {"start_height": {"value": 0, "unit": "mm"}},
+        {"start_height": {"value": 10, "unit": "mm"}},
+        {"start_profile": profile},
+    )
+    flat, zero, dome, measured = (
+        fabric_bulge.predict(Inputs("a disc", FABRIC | shape), comm, quick=True).quantities
+        for shape in shapes
+    )
+    for name in flat:
+        assert zero[name].y == pytest.approx(flat[name].y, abs=0)
+        assert measured[name].y == pytest.approx(dome[name].y, rel=1e-5, abs=1e-9)
+    # On the rim nothing moves.
+    assert dome["in-plane on x"].y[[0, -1]] == pytest.approx(0, abs=1e-9)
+    assert dome["height on x"].y[[0, -1]] == pytest.approx(0, abs=1e-9)
+    assert dome["in-plane on x"].y.max() < flat["in-plane on x"].y.max()
+    # The heights that the wall is from are met in the mean by both.
+    for found in (flat, dome):
+        heights = np.interp(
+            [0.5e5, 1e5, 2e5], found["height of the top"].x, found["height of the top"].y
+        )
+        assert np.log(heights / [0.025, 0.03, 0.038]).mean() == pytest.approx(0, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ({"start_height": {"value": 200, "unit": "mm"}}, "start_height is 0.2 m"),
+        ({"start_height": {"value": -1, "unit": "mm"}}, "start_height is -0.001 m"),
+        (
+            {"start_profile": {"value": [[0, 5], [50, 4], [90, 0]], "unit": "mm"}},
+            "start_profile is not a profile",
+        ),
+        ({"start_profile": {"value": [[0, 5], [50, 4], [100, 1]], "unit": "mm"}}, "not a profile"),
+    ],
+)
+def test_a_start_shape_that_does_not_fit_the_disc_is_refused(comm, shape, words):
+    with pytest.raises(gx.InputError, match=words):
+        fabric_bulge.predict(Inputs("a disc", FABRIC | shape), comm, quick=True)
+
+
 def test_equally_stretched_film_has_the_energy_of_its_logarithmic_strains():
     """E t ln²λ/(1-ν), and for unequal stretches that of the definition."""
     law = LAWS["logarithmic"](E=2.0, nu=0.3, density=1.0, thickness=0.5)
@@ -296,6 +376,21 @@ def test_a_vessel_decays_by_its_laminar_leak_and_fills_to_a_steady_pressure(comm
     exact = steady + (2e4 - steady) * np.exp(-0.1 * t)
     assert filled.quantities["pressure"].y == pytest.approx(exact, rel=1e-4)
     assert abs(filled.details["energy error"]) < 1e-12
+
+
+def test_an_orifice_has_the_known_decay_at_its_pressure_and_a_slower_one_above(comm):
+    """The known decay is from 1 kPa.  The flow of an orifice grows like √p, so that the rate of
+    decay falls like 1/√p."""
+    low = {"start_pressure": {"value": 1, "unit": "kPa"}, "duration": {"value": 2, "unit": "s"}}
+    rates = [
+        leaking_vessel.predict(Inputs("a vessel", VESSEL | {"leak": "orifice"} | one), comm, False)
+        .quantities["rate of decay"]
+        .y
+        for one in (low, {})
+    ]
+    assert rates[0] == pytest.approx(0.1, rel=0.02)
+    # Means of both decays are some 0.9 and 19 kPa.
+    assert rates[1] == pytest.approx(0.1 * math.sqrt(0.9 / 19), rel=0.05)
 
 
 def test_a_tube_everts_by_the_balance_of_its_gas(comm):

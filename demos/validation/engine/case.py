@@ -37,6 +37,9 @@ read it.
     accepted = [0.05, 0.25]           asked of the mean of predicted/measured - 1
     quick_accepted = [0.0, 0.3]       the same, or of the mean relative error, of the quick form
     peer_error = 0.032                mean relative error of the peer (optional)
+
+How uncertain inputs and measured values are stands in `[[uncertainties]]`, `[exact]` and `[finer]`:
+see `uncertainty`.
 """
 
 from __future__ import annotations
@@ -47,12 +50,13 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from demos.validation.engine.uncertainty import KINDS, RELATIVE, Statement, Uncertainty
 from demos.validation.engine.units import UNITS, conversion_factor
 from gossamer_fx.extend import InputError, check
 
@@ -222,6 +226,7 @@ class Case:
         tests: in the order of the file.
         quick_tests: names of those of the quick form.
         expected_warnings: reasons by a part of the text of a warning.
+        statement: how uncertain inputs and measured values are.
     """
 
     name: str
@@ -234,6 +239,7 @@ class Case:
     tests: tuple[Test, ...]
     quick_tests: tuple[str, ...]
     expected_warnings: Mapping[str, str]
+    statement: Statement = field(default_factory=Statement)
 
     def chosen(self, quick: bool) -> list[Test]:
         """The tests of the quick or the full form."""
@@ -274,6 +280,7 @@ def read_case(path: Path, models: list[str]) -> Case:
     data = _parsed(path, where)
     known = {"format", "name", "title", "source", "licence", "model", "peer", "quick_tests"}
     known |= {"family", "evidence", "inputs", "tests", "expected_warnings"}
+    known |= {"uncertainties", "exact", "finer"}
     _check_keys(where, data, known)
     version = data.get("format")
     check(version == FORMAT, f"{where}: format is {_short(version)}; this program reads {FORMAT}.")
@@ -319,6 +326,7 @@ def read_case(path: Path, models: list[str]) -> Case:
                 where, data.get("expected_warnings", {}), "expected_warnings"
             ).items()
         },
+        statement=_statement(where, data, found),
     )
 
 
@@ -545,6 +553,100 @@ def _measured(where: str, evidence: str, data: Any) -> Measured:
         evidence=_evidence(here, entry, evidence),
         not_counted=_line(here, entry, "not_counted", default=""),
         not_converged=_line(here, entry, "not_converged", default=""),
+    )
+
+
+# ---- uncertainties -------------------------------------------------------------------------------
+
+
+def _statement(where: str, data: Mapping[str, Any], tests: tuple[Test, ...]) -> Statement:
+    """What the file states about uncertainty."""
+    entries = data.get("uncertainties", [])
+    check(
+        isinstance(entries, list),
+        f"{where}: uncertainties is {_short(entries)}; write [[uncertainties]].",
+    )
+    inputs = {name for test in tests for name in test.inputs.values}
+    quantities = {one.quantity for test in tests for one in test.measured}
+    found = tuple(_uncertainty(f"{where}, uncertainties", entry, tests) for entry in entries)
+    exact = _mapping(where, data.get("exact", {}), "exact")
+    unknown = {name for one in found for name in one.inputs} | set(exact)
+    unknown = (unknown - inputs) | {one.quantity for one in found if not one.inputs} - quantities
+    check(
+        not unknown,
+        f"{where}: {_short(min(unknown, default=''))} of [[uncertainties]] or [exact] is not an "
+        "input or a measured quantity; correct the name.",
+    )
+    statement = Statement(
+        uncertainties=found,
+        exact={
+            name: _words(f"{where}: reason of exact {name}", reason)
+            for name, reason in exact.items()
+        },
+        finer={
+            name: _number(f"{where}: finer {name}", number)
+            for name, number in _mapping(where, data.get("finer", {}), "finer").items()
+        },
+    )
+    for test in tests:
+        names = [name for one in statement.of_inputs(test.name) for name in one.inputs]
+        names += list(exact)
+        repeated = {name for name in names if names.count(name) > 1}
+        check(
+            not repeated,
+            f"{where}, test '{test.name}': '{min(repeated, default='')}' has several entries of "
+            "[[uncertainties]] or [exact]; give one.",
+        )
+    return statement
+
+
+def _uncertainty(where: str, data: Any, tests: tuple[Test, ...]) -> Uncertainty:
+    """One entry of `uncertainties`."""
+    entry = _mapping(where, data, "each")
+    known = {"inputs", "quantity", "tests", "half_width", "standard", "kind", "source"}
+    _check_keys(where, entry, known)
+    check(
+        ("inputs" in entry) != ("quantity" in entry),
+        f"{where}: an entry has both or none of inputs and quantity; give one of them.",
+    )
+    inputs = entry.get("inputs", [])
+    check(
+        isinstance(inputs, list) and (len(inputs) > 0 or "quantity" in entry),
+        f"{where}: inputs is {_short(inputs)}; give a list of names.",
+    )
+    names = tuple(_words(f"{where}: inputs", name) for name in inputs)
+    quantity = _line(where, entry, "quantity", default="")
+    here = f"{where}, '{quantity or ', '.join(names)}'"
+    chosen = entry.get("tests", [])
+    check(
+        isinstance(chosen, list) and all(name in [one.name for one in tests] for name in chosen),
+        f"{here}: tests is {_short(chosen)}; give names of tests.",
+    )
+    check(
+        ("half_width" in entry) != ("standard" in entry),
+        f"{here}: an entry has both or none of half_width and standard; give one of them.",
+    )
+    is_standard = "standard" in entry
+    size = _mapping(here, entry["standard" if is_standard else "half_width"], "the number")
+    _check_keys(here, size, {"value", "unit"})
+    number = _number(here, size.get("value"))
+    check(number > 0, f"{here}: the number is {number:g}; give one > 0, or an entry of [exact].")
+    unit = size.get("unit")
+    check(
+        unit == RELATIVE or unit in UNITS,
+        f"{here}: unit is {_short(unit)}; give '{RELATIVE}' or one of {', '.join(UNITS)}.",
+    )
+    kind = entry.get("kind")
+    check(kind in KINDS, f"{here}: kind is {_short(kind)}; give one of {', '.join(KINDS)}.")
+    return Uncertainty(
+        inputs=names,
+        quantity=quantity,
+        tests=tuple(chosen),
+        size=number,
+        unit=str(unit),
+        is_standard=is_standard,
+        kind=str(kind),
+        source=_line(here, entry, "source"),
     )
 
 

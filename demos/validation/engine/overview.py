@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from demos.validation.engine.case import Case
 from demos.validation.engine.comparison import Comparison, comparisons, results_by_test
+from demos.validation.engine.intervals import VERDICTS, Interval, verdict_cells
 from demos.validation.engine.report import is_asked, percent
 from gossamer_fx.extend import Result, markdown_table
 
@@ -97,6 +98,7 @@ COUNT_HEAD = [
     "as near as asked",
     "median error [%]",
     "90th percentile [%]",
+    *VERDICTS,
 ]
 
 
@@ -118,12 +120,22 @@ def counted(cases: Iterable[tuple[Case, list[Result]]], evidence: str) -> list[M
     ]
 
 
-def count_rows(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
-    """Cells of the table that counts experiments by the kind of quantity; first the headings."""
+def count_rows(
+    cases: Iterable[tuple[Case, list[Result]]],
+    intervals: Mapping[str, Sequence[Interval | None]],
+) -> Iterator[list[str]]:
+    """Cells of the table that counts experiments by the kind of quantity; first the headings.
+
+    Args:
+        cases: with their results.
+        intervals: of the same quantities, by kind.
+    """
     yield COUNT_HEAD
     marks = counted(cases, "experiment")
     kinds = sorted({mark.comparison.measured.kind for mark in marks})
     groups = {kind: [m for m in marks if m.comparison.measured.kind == kind] for kind in kinds}
+    every = [one for group in intervals.values() for one in group]
+    by_kind = {**intervals, "all": every}
     for kind, group in {**groups, "all": marks}.items():
         errors = [abs(mark.comparison.error) for mark in group]
         yield [
@@ -132,10 +144,14 @@ def count_rows(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]
             str(sum(is_right(mark.comparison) for mark in group)),
             f"{100 * np.median(errors):.1f}",
             f"{100 * np.percentile(errors, 90):.0f}",
+            *verdict_cells(by_kind[kind]),
         ]
 
 
-def accuracy_words(cases: Sequence[tuple[Case, list[Result]]]) -> str:
+def accuracy_words(
+    cases: Sequence[tuple[Case, list[Result]]],
+    intervals: Mapping[str, Sequence[Interval | None]],
+) -> str:
     """The count of experiments as a table, and sentences about the worst miss, the other evidence
     and what is not counted."""
     experiments = counted(cases, "experiment")
@@ -152,7 +168,7 @@ def accuracy_words(cases: Sequence[tuple[Case, list[Result]]]) -> str:
         for mark in marks
     )
     return (
-        f"{markdown_table(count_rows(cases))}\n"
+        f"{markdown_table(count_rows(cases, intervals))}\n"
         f"The worst miss is {error}: the quantity *{worst.comparison.measured.quantity}* of the "
         f"case `{worst.case}`.\n"
         "Comparisons that are not with experiments are counted apart: "

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from demos.validation.engine.case import Case, Measured, Test
+from demos.validation.engine.case import Array, Case, Measured, Test
 from demos.validation.engine.comparison import (
     Comparison,
     comparisons,
     predicted_in,
     results_by_test,
 )
+from demos.validation.engine.intervals import Interval, chosen_points
 from demos.validation.engine.units import UNITS
 from gossamer_fx.extend import Result
 
@@ -184,8 +185,21 @@ def asked(measured: Measured, quick: bool) -> str:
 # ---- figure --------------------------------------------------------------------------------------
 
 
-def figure(case: Case, results: list[Result], path: Path) -> None:
-    """Draw a panel for each measured quantity: measured points over predicted curves or values."""
+# Intervals of the quantities of tests, by the names of test and quantity.
+Intervals = Mapping[tuple[str, str], Interval]
+
+
+def figure(
+    case: Case, results: list[Result], path: Path, intervals: Intervals | None = None
+) -> None:
+    """Draw a panel for each measured quantity: measured points over predicted curves or values.
+
+    Args:
+        case: the case.
+        results: of its tests.
+        path: of the picture.
+        intervals: of predicted and measured values that are drawn, too.
+    """
     # Loaded here, as tables need no pictures; "Agg" needs no screen.
     import matplotlib
 
@@ -227,8 +241,11 @@ def figure(case: Case, results: list[Result], path: Path) -> None:
                 entries[0][1],
                 by_name[test_name],
             )
+            _draw_bands(axis, (intervals or {}).get((test_name, quantity)))
         else:
-            _draw_values(axis, entries)
+            scales = _draw_values(axis, entries)
+            found = [(intervals or {}).get((test.name, quantity)) for test, _ in entries]
+            _draw_bars(axis, found, scales)
         # Words of a case file are text, not formulas.
         axis.set_title(
             test_name or quantity,
@@ -305,8 +322,40 @@ def _draw_curve(axis, comparison: Comparison, result: Result) -> None:
     axis.set_ylim(bottom=min(0.0, *axis.get_ylim()))
 
 
-def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
-    """Measured and predicted values next to each other, one after another over all tests."""
+def _draw_bands(axis, interval: Interval | None) -> None:
+    """The intervals along a curve."""
+    if interval is None:
+        return
+    x = interval.comparison.x[chosen_points(interval.comparison)]
+    for y, half, colour, words in (
+        (interval.y_measured, interval.by_measurement, "0.45", "± reference"),
+        (interval.y_predicted, interval.half, "tab:red", "± predicted"),
+    ):
+        if np.isfinite(half).all():
+            axis.fill_between(x, y - half, y + half, color=colour, alpha=0.2, lw=0, label=words)
+
+
+def _draw_bars(axis, intervals: Sequence[Interval | None], scales: Sequence[Array]) -> None:
+    """The intervals of values, which are drawn over their scales (n,)."""
+    place = 0
+    for interval, scale in zip(intervals, scales, strict=True):
+        places = place + np.arange(len(scale))
+        place += len(scale)
+        if interval is None:
+            continue
+        for y, half, colour, width in (
+            (interval.y_measured, interval.by_measurement, "0.45", 4.0),
+            (interval.y_predicted, interval.half, "tab:red", 1.2),
+        ):
+            if np.isfinite(half).all():
+                low = (y - half) / scale
+                high = (y + half) / scale
+                axis.vlines(places, low, high, color=colour, alpha=0.4, lw=width)
+
+
+def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> list[Array]:
+    """Measured and predicted values next to each other, one after another over all tests; the
+    scales (n,) over which those of each test are drawn."""
     names = []
     y_measured = []
     y_predicted = []
@@ -322,7 +371,9 @@ def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
     unit = entries[0][1].measured.unit
     label = "" if unit == "1" else f"[{unit}]"
     sizes = np.abs(y_measured)
+    scales = [np.ones(len(comparison.y_measured)) for _, comparison in entries]
     if sizes.max() > LARGEST_SPREAD * sizes.min():
+        scales = [comparison.y_measured for _, comparison in entries]
         y_predicted = list(np.divide(y_predicted, y_measured))
         y_measured = [1.0] * len(names)
         label = "over reference"
@@ -359,3 +410,4 @@ def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
         parse_math=False,
     )
     axis.set_ylabel(label, fontsize=8, parse_math=False)
+    return scales

@@ -22,7 +22,7 @@ prescribed step by step, and the load is its reaction.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -64,6 +64,9 @@ BAND_WIDTH = 0.5
 # Steps of the deflection of the bands [m].
 STEP = 5e-3
 QUICK_STEP = 20e-3
+
+# Deflection [m] of midspan at which the initial stiffness is compared.
+INITIAL_DEFLECTION = 0.01
 
 # Mass per area [kg/m²] and per length [kg/m]: they only pace the pseudo-time of the equilibria.
 AREAL_MASS = 0.4
@@ -593,7 +596,8 @@ def bend(model: Model, tube: Tube, step: float) -> tuple[Array, Array, dict[str,
         deflections.append(first_height - height)
         # Two loads, and half of the section of each is modelled.
         loads.append(-4 * float(search.reaction(model.load)[0][2]))
-        lowered += step
+        # Small steps up to the initial stiffness, in which the curve bends.
+        lowered += step if deflections[-1] > INITIAL_DEFLECTION else min(step, STEP)
     details = {
         "unknowns": float(search.system.unknowns.numbering.size),
         "iterations": float(effort.iterations),
@@ -602,8 +606,59 @@ def bend(model: Model, tube: Tube, step: float) -> tuple[Array, Array, dict[str,
     return np.array(deflections), np.array(loads), details
 
 
+def force_ratio(braid_angle: float) -> float:
+    """1 - 2 cot²β, to which the axial force of a cord after inflation is proportional; β [deg]."""
+    return 1 - 2 / math.tan(math.radians(braid_angle)) ** 2
+
+
+def _with_factors(values: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, Any]:
+    """Inputs of which some are multiplied by factors."""
+    found = dict(values)
+    for name, factor in factors.items():
+        found[name] = {**found[name], "value": found[name]["value"] * factor}
+    return found
+
+
+def with_pressure(values: Mapping[str, Any], pressure: float) -> dict[str, Any]:
+    """The inputs with another pressure, to which the force of the cords is proportional."""
+    ratio = pressure / values["pressure"]["value"]
+    return _with_factors(values, {"pressure": ratio, "cord_force": ratio})
+
+
+def with_diameter(values: Mapping[str, Any], diameter: float) -> dict[str, Any]:
+    """The inputs with another diameter, to whose square the force of the cords is proportional."""
+    ratio = diameter / values["diameter"]["value"]
+    return _with_factors(values, {"diameter": ratio, "cord_force": ratio**2})
+
+
+def with_braid_angle(values: Mapping[str, Any], braid_angle: float) -> dict[str, Any]:
+    """The inputs with another braid angle β [deg].
+
+    Of a braid with the modulus G = A12, A11 = G cot²β + E_L and A22 is proportional to tan²β; the
+    force of a cord is F_c = p π r²/3 (1 - 2 cot²β).
+    """
+    old = values["braid_angle"]["value"]
+    squared_tangents = [math.tan(math.radians(angle)) ** 2 for angle in (old, braid_angle)]
+    change_of_A11 = values["A12"]["value"] * (1 / squared_tangents[1] - 1 / squared_tangents[0])
+    factors = {
+        "braid_angle": braid_angle / old,
+        "A11": 1 + change_of_A11 / values["A11"]["value"],
+        "A22": squared_tangents[1] / squared_tangents[0],
+        "cord_force": force_ratio(braid_angle) / force_ratio(old),
+    }
+    return _with_factors(values, factors)
+
+
+# Inputs that others follow from.
+FOLLOWERS = {
+    "pressure": with_pressure,
+    "diameter": with_diameter,
+    "braid_angle": with_braid_angle,
+}
+
+
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
-    """The total load [N] against the deflection of midspan [m]."""
+    """The total load [N] against the deflection of midspan [m], and the one at 10 mm."""
     tube = Tube.read(inputs)
     around = CELLS_AROUND
     step = STEP
@@ -619,4 +674,9 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         )
     model = build(tube, comm, around)
     deflections, loads, details = bend(model, tube, step)
-    return Prediction({"load": Predicted(loads, deflections)}, details)
+    initial = float(np.interp(INITIAL_DEFLECTION, deflections, loads))
+    quantities = {
+        "load": Predicted(loads, deflections),
+        "load at 10 mm": Predicted(initial),
+    }
+    return Prediction(quantities, details)

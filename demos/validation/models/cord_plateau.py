@@ -14,6 +14,8 @@ and the load of both points is 2 M/a, with a the distance between load and suppo
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from mpi4py import MPI
 
 from demos.validation.engine.case import Inputs
@@ -39,3 +41,15 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     load = 2 * moment / arm
     quantities = {"plateau load": Predicted(load)}
     return Prediction(quantities)
+
+
+def gradients(inputs: Inputs, prediction: Prediction) -> Mapping[str, Mapping[str, Predicted]]:
+    """Exact derivatives of the load by the inputs, of which it is a product of powers."""
+    load = float(prediction.quantities["plateau load"].y)
+    powers = {"diameter": ("m", 1), "cord_force": ("N", 1), "arm": ("m", -1)}
+    return {
+        "plateau load": {
+            name: Predicted(power * load / inputs.number(name, unit))
+            for name, (unit, power) in powers.items()
+        }
+    }

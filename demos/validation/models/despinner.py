@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -182,3 +183,13 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         "seconds": time.process_time() - begun,
     }
     return Prediction(quantities, details)
+
+
+def gradients(inputs: Inputs, prediction: Prediction) -> Mapping[str, Mapping[str, Predicted]]:
+    """Exact derivatives by the time of half the drop, by which the curve is shifted."""
+    curve = prediction.quantities["rate"]
+    shifted = Predicted(-np.gradient(curve.y, curve.x), curve.x)
+    others = {name: Predicted(0.0) for name in prediction.quantities}
+    return {
+        name: {"half_drop": shifted if name == "rate" else other} for name, other in others.items()
+    }

@@ -11,6 +11,12 @@ they do for the peer.  The input "strain" chooses Green's strain instead.
 E t is not an input.  The shape of the disc depends on p a/(E t) only, with the radius a, so that
 one curve of heights is that of every wall.  E t is such that the mean logarithmic error of the
 heights of *one* specimen vanishes, which are inputs; all specimens are predicted from it.
+
+The disc need not be flat where it is free of stress.  The input "start_height" makes it a spherical
+cap, and "start_profile" the surface of revolution of a measured profile, rows of radius and height.
+A slack disc has such a shape, whose points are above those of the flat disc.  Heights are counted
+from the plane of the rim, and in-plane displacements from the start shape.  The shape of the bulge
+then depends on p a/(E t) and the start shape.
 """
 
 from __future__ import annotations
@@ -21,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 import ufl
 from mpi4py import MPI
+from scipy.interpolate import CubicSpline
 
 import gossamer_fx as gx
 from demos.common.searches import Effort
@@ -49,6 +56,9 @@ STIFFNESS_TOLERANCE = 1e-6
 # Points of the predicted lines from the centre to the rim.
 POINTS = 21
 
+# Points of the profile of a spherical cap.
+PROFILE_POINTS = 41
+
 # Splits E t into both and paces the pseudo-time of the equilibria; results do not depend on them.
 THICKNESS = 1e-3  # [m]
 DENSITY = 1e3  # [kg/m³]
@@ -73,14 +83,88 @@ class Logarithmic(IsotropicFilm):
         return stiffness / 2 * (sum_of_logarithms**2 - 2 * (1 - c.nu) * product)
 
 
+@dataclass(frozen=True)
+class Start:
+    """A stress-free surface of revolution over the disc.
+
+    Attributes:
+        radii: distances from the axis (n,) [m], rising from 0 to the radius of the disc.
+        heights: at these radii (n,) [m]; 0 on the rim.
+    """
+
+    radii: Array
+    heights: Array
+
+    @staticmethod
+    def cap(radius: float, height: float) -> Start:
+        """A spherical cap; a flat disc if its height is 0."""
+        radii = np.linspace(0.0, radius, PROFILE_POINTS)
+        if height == 0:
+            return Start(radii, np.zeros(PROFILE_POINTS))
+        sphere = (radius**2 + height**2) / (2 * height)
+        return Start(radii, np.sqrt(sphere**2 - radii**2) - (sphere - height))
+
+    @staticmethod
+    def read(inputs: Inputs, radius: float) -> Start:
+        """The start shape of a case file; a flat disc unless it has one."""
+        if "start_profile" not in inputs:
+            height = 0.0
+            if "start_height" in inputs:
+                height = inputs.number("start_height", "m")
+            check(
+                0 <= height < radius,
+                f"{inputs.where}: start_height is {height:g} m; give one of at least 0 and below "
+                f"the radius, {radius:g} m.",
+            )
+            return Start.cap(radius, height)
+        radii, heights = inputs.table("start_profile", "m", columns=2).T
+        is_profile = len(radii) > 2 and radii[0] == 0 and bool((np.diff(radii) > 0).all())
+        check(
+            is_profile and abs(radii[-1] - radius) < 1e-9 * radius and heights[-1] == 0,
+            f"{inputs.where}: start_profile is not a profile; give rows of a rising radius and a "
+            f"height, from radius 0 to {radius:g} m, where the height is 0.",
+        )
+        return Start(radii, heights)
+
+    def height(self, x: Array, y: Array) -> Array:
+        """Heights (n,) [m] over points (n,) of the disc, by a smooth curve that is flat on the
+        axis."""
+        curve = CubicSpline(self.radii, self.heights, bc_type=("clamped", "not-a-knot"))
+        found: Array = curve(np.minimum(np.hypot(x, y), self.radii[-1]))
+        return found
+
+    def lift(self, mesh: gx.Mesh) -> None:
+        """Move the points of a flat mesh of the disc up to the surface."""
+        # Of ghosts, too: each rank moves all that it has.
+        points = mesh.domain.geometry.x
+        points[:, 2] = self.height(points[:, 0], points[:, 1])
+
+
 LAWS = {"logarithmic": Logarithmic, "Green": gx.Linear}
 
 
-class Bulge:
-    """The equilibria of a quarter of a flat film under pressure, symmetric about x = 0 and y = 0.
+def along_edge(values: Array, positions: Array) -> Array:
+    """Values (n, 3) at positions (n,) from 0 to 1 along an edge of cells of order 2, by the
+    parabolas through its nodes.
 
     Args:
-        film: the quarter, flat in z = 0.
+        values: at the nodes (2 cells + 1, 3), which are evenly spaced.
+        positions: along the edge.
+    """
+    cells = (len(values) - 1) // 2
+    cell = np.minimum((positions * cells).astype(int), cells - 1)
+    # From -1 to 1 over the cell.
+    ξ = (2 * (positions * cells - cell) - 1)[:, None]
+    first, middle, last = (values[2 * cell + k] for k in range(3))
+    found: Array = ξ * (ξ - 1) / 2 * first + (1 - ξ**2) * middle + ξ * (ξ + 1) / 2 * last
+    return found
+
+
+class Bulge:
+    """The equilibria of a quarter of a film under pressure, symmetric about x = 0 and y = 0.
+
+    Args:
+        film: the quarter, whose rim is in z = 0.
         clamped: names of its clamped edges.
         on_x, on_y: names of its edges on y = 0 and on x = 0.
         centre: name of its point at the origin.
@@ -111,9 +195,11 @@ class Bulge:
         return np.array(found)
 
     def displacements(self, points: Array) -> Array:
-        """Displacements (n, 3) [m] of points (n, 3) of the flat film in the state found last."""
+        """Displacements (n, 3) [m] of nodes (n, 3) of the film free of stress in the state found
+        last."""
         state = self._search.system.unknowns.state
-        ports = [self._film.port_at(point) for point in points.tolist()]
+        # The nearest nodes, as points of a curved film are known to its round-off only.
+        ports = [self._film.port_at(point, snap=True) for point in points.tolist()]
         return np.array([state.vector(port) for port in ports]) - points
 
 
@@ -125,17 +211,30 @@ class Disc:
         law: of the wall; of another E t pressures are multiplied by its ratio to this one.
         cells: along the radius.
         comm: the communicator.
+        start: shape without stress; default: a flat disc.
     """
 
-    def __init__(self, radius: float, law: IsotropicFilm, cells: int, comm: MPI.Intracomm) -> None:
-        film = gx.Membrane(quarter_disc(comm, cells, radius, order=2), law, order=2, name="disc")
+    def __init__(
+        self,
+        radius: float,
+        law: IsotropicFilm,
+        cells: int,
+        comm: MPI.Intracomm,
+        start: Start | None = None,
+    ) -> None:
+        mesh = quarter_disc(comm, cells, radius, order=2)
+        if start is not None:
+            start.lift(mesh)
+        film = gx.Membrane(mesh, law, order=2, name="disc")
         self.bulge = Bulge(film, ("rim",), "x axis", "y axis", "centre")
         self.radius = radius
         # The pressure [Pa] at which p a/(E t) is one.
         self.unit_pressure = law.E * law.thickness / radius
-        # The first state is that of a flat film without stress.
-        slack = self.bulge.heights(np.array([SLACK_LOAD * self.unit_pressure]))
-        self.slack_height = float(slack[0])
+        # A flat film has no stiffness across its plane without stress, which a small load gives it.
+        self.slack_height = 0.0
+        if start is None or not start.heights.any():
+            slack = self.bulge.heights(np.array([SLACK_LOAD * self.unit_pressure]))
+            self.slack_height = float(slack[0])
         self._heights = self.bulge.heights(LOADS * self.unit_pressure)
 
     def heights(self, loads: Array) -> Array:
@@ -186,7 +285,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         density=DENSITY,
         thickness=THICKNESS,
     )
-    disc = Disc(radius, law, cells, comm)
+    start = Start.read(inputs, radius)
+    disc = Disc(radius, law, cells, comm, start)
     stiffness = disc.stiffness(pressures, heights)
 
     shown = np.union1d(pressures, pressure)
@@ -195,10 +295,15 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     position = np.concatenate([-half[:0:-1], half])
     load = pressure * radius / stiffness
     disc.bulge.heights(np.array([load * disc.unit_pressure]))
+    # The mesh has an even number of cells along the radius.
+    nodes = np.linspace(0.0, radius, 4 * max(round(cells / 2), 1) + 1)
     for component, axis in enumerate("xy"):
-        points = np.zeros((POINTS, 3))
-        points[:, component] = half
-        moved = disc.bulge.displacements(points)
+        points = np.zeros((len(nodes), 3))
+        points[:, component] = nodes
+        points[:, 2] = start.height(nodes, np.zeros(len(nodes)))
+        displacements = disc.bulge.displacements(points)
+        displacements[:, 2] += points[:, 2]
+        moved = along_edge(displacements, half / radius)
         height = moved[:, 2]
         outward = moved[:, component]
         # The other half: heights are even functions of the position, in-plane displacements odd.
@@ -208,6 +313,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         quantities[f"in-plane on {axis}"] = Predicted(whole_outward, position)
     details = {
         "stiffness [N/m]": stiffness,
+        # Of a flat film.
         "height at the slack load [m]": disc.slack_height,
         "unknowns": float(disc.bulge.unknowns),
         "iterations": float(disc.bulge.effort.iterations),

@@ -261,6 +261,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     quantities = {
         "load": Predicted(curve, deflections),
         "collapse load": Predicted(float(curve.max())),
+        "deflection at collapse": Predicted(float(deflections[curve.argmax()])),
     }
     for deflection in read_at:
         load = float(np.interp(deflection, deflections, curve))

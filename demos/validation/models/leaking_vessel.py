@@ -172,7 +172,7 @@ def leak_of(
     mean = float(pressures.mean())
     unit = gx.Orifice(chamber, ambient, area=1.0)
     both_temperatures = (air.temperature, air.temperature)
-    per_area = unit.flow(AIR, 1.0, (air.pressure + mean, air.pressure), both_temperatures)
+    per_area = unit.flow((AIR, AIR), 1.0, (air.pressure + mean, air.pressure), both_temperatures)
     return gx.Orifice(chamber, ambient, area=conductance * mean / per_area.real, name="leak")
 
 
