@@ -85,7 +85,7 @@ REPEATABILITY = 1e-3
 BETWEEN = re.compile(r"(?<=<!-- measured -->\n).*?(?=<!-- /measured -->)", re.DOTALL)
 
 BETWEEN_INTERVALS = re.compile(
-    r"(?<=<!-- measured intervals -->\n).*?(?=<!-- /measured intervals -->)", re.DOTALL
+    r"(?<=<!-- measured intervals -->\n).*?(?=<!-- /measured -->)", re.DOTALL
 )
 
 
