@@ -78,12 +78,16 @@ def _collected_together() -> Iterator[None]:
     collector counts them.
 
     On several ranks that is the only time, so that objects with communicators are freed on all at
-    once.  A collection takes up to a second when many forms have been made: one after each test
-    took most of the time on two ranks.
+    once.  A collection of all objects takes up to a second when many forms have been made: forms
+    and meshes that tests share live long, and are looked at only at every tenth collection.
     """
     yield
-    if next(_TESTS) % 20 == 0:
+    number = next(_TESTS)
+    if number % 200 == 0:
+        gc.unfreeze()
+    if number % 20 == 0:
         gc.collect()
+        gc.freeze()
 
 
 class _WarningsOfUnits(logging.Handler):

@@ -7,6 +7,7 @@ import importlib
 import inspect
 import re
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from operator import attrgetter
 from pathlib import Path
@@ -69,6 +70,7 @@ HOMES = {
 KNOWN: set[tuple[str, str]] = set()
 
 
+@cache
 def imports_of(path: Path) -> set[str]:
     """Modules of the package that a file imports, those for annotations and within functions
     included, and those from which lazy names come."""

@@ -145,6 +145,30 @@ def test_beyond_edges_and_corners_only_the_motion_across_the_gap_slides(kind: in
     np.testing.assert_allclose((along_one * along_other).sum(axis=1), 0, atol=1e-4)
 
 
+# The point and the corners of a triangle, or the ends of two edges, 0.1 above each other.  One edge
+# of each pair leads away along the gap, and one along x.
+ALONG_THE_GAP = {
+    "first side": (PointTriangle, [(0, 0, 0.1), (0, 0, 0), (0, 0, -1), (1, 0, 0)]),
+    "second side": (PointTriangle, [(0, 0, 0.1), (0, 0, 0), (1, 0, 0), (0, 0, -1)]),
+    "first edge": (EdgeEdge, [(0, 0, 0.1), (0, 0, 1.1), (0, 0, 0), (1, 0, 0)]),
+    "second edge": (EdgeEdge, [(0, 0, 0.1), (1, 0, 0.1), (0, 0, 0), (0, 0, -1)]),
+}
+
+
+@pytest.mark.parametrize("name", ALONG_THE_GAP)
+def test_an_edge_along_the_gap_leaves_the_direction_of_the_other_edge(name: str) -> None:
+    stencil, points = ALONG_THE_GAP[name]
+    kind = stencil.number
+    pairs, _, _ = near_pairs(kind, COUNT, seed=8)
+    x0 = np.tile(np.array(points, dtype=float), (COUNT, 1))
+    rub = sliding_pairs(kind, pairs, x0)
+    first_side = [0] if kind == PointTriangle.number else [0, 1]
+    size = 1e-6
+    x1 = x0.copy()
+    x1[rub.points[:, first_side], 0] += size
+    np.testing.assert_allclose(np.linalg.norm(rub.sliding(x1).w, axis=1), size, rtol=1e-5)
+
+
 @pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
 def test_the_product_with_the_derivative_by_the_start_agrees_with_differences(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, COUNT, seed=8)
