@@ -392,6 +392,7 @@ JITTERED = """
 import sys
 import numpy as np
 from gossamer_fx.solve.scene.scene import Scene
+from gossamer_fx.solve.steppers.history import MOTION, History
 
 seed, name, out = int(sys.argv[1]), sys.argv[2], sys.argv[3]
 generator = np.random.default_rng(seed)
@@ -401,12 +402,10 @@ def compile_jittered(self, *args, **options):
     system = compile_scene(self, *args, **options)
     if system.equations.constraints is None and not system.equations.active_sets:
         size = system.unknowns.initial.extent()
-        moved = system.unknowns.q0.array_r.copy()
-        is_free = np.ones(len(moved), dtype=bool)
-        is_free[system.unknowns.supports.held] = False
-        noise = {JITTER} * size * generator.uniform(-1, 1, len(moved))
-        moved[is_free] += noise[is_free]
-        system.restore(moved, system.unknowns.v0.array_r.copy(), system.unknowns.time)
+        noise = {JITTER} * size * generator.uniform(-1, 1, len(system.unknowns.q0.array_r))
+        noise[system.unknowns.supports.held] = 0.0
+        history = History(system)
+        history.restore(history.save(MOTION).moved_by(noise))
         for scalars in system.equations.scalar_unknowns:
             scalars.start()
     return system

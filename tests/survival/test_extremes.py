@@ -12,6 +12,7 @@ from demos.studies import extremes
 from demos.studies.engine.deployments import arguments
 from demos.studies.stability import ORDINARY, STUDY, cases, problem
 from gossamer_fx.core.checks.errors import NotConverged
+from gossamer_fx.solve.steppers.history import MOTION, History
 from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
@@ -70,10 +71,10 @@ def test_the_answer_of_a_crease_is_that_of_its_start(monkeypatch: pytest.MonkeyP
 
     def compile_moved(scene: gx.Scene, *words, **options):
         system = compile_scene(scene, *words, **options)
-        unknowns = system.unknowns
-        moved = unknowns.q0.array_r.copy()
-        moved += 1e-7 * np.random.default_rng(0).uniform(-1, 1, len(moved))
-        system.restore(moved, unknowns.v0.array_r.copy(), unknowns.time)
+        count = system.unknowns.numbering.size_local
+        noise = 1e-7 * np.random.default_rng(0).uniform(-1, 1, count)
+        history = History(system)
+        history.restore(history.save(MOTION).moved_by(noise))
         return system
 
     monkeypatch.setattr(gx.Scene, "compile", compile_moved)

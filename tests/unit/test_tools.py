@@ -225,3 +225,12 @@ def test_a_mutant_meets_the_tests_that_call_its_function(tool) -> None:
     assert nightly._fails(ROOT, failing)
     assert nightly._fails(ROOT, waiting, longest=0.5)
     assert not nightly._fails(ROOT, [sys.executable, "-c", ""])
+
+
+def test_a_study_starts_from_moved_nodes(tool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The deflections of shells are measured from the start, and differ from the stored ones."""
+    nightly = tool("nightly")
+    monkeypatch.setattr(nightly, "LONGEST", None)
+    script = nightly.JITTERED.replace("{JITTER}", repr(nightly.JITTER))
+    verdict, output = nightly.run_from_moved_start(script, "shells", 1)
+    assert verdict == "other figures", output
