@@ -407,3 +407,8 @@ def test_an_unknown_name_of_an_object_has_a_proposal(tmp_path: Path) -> None:
     assert said.returncode == 2 and said.stderr.count("\n") == 1
     assert "'typo.py', line 6: AttributeError" in said.stderr
     assert "has no attribute 'prot'; did you mean port?" in said.stderr
+    # A name of the package is proposed once, by its own message.
+    (tmp_path / "typo.py").write_text(TYPO.replace("ball.prot", "gx" + ".loads.Damping"))
+    said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert "did you mean gossamer_fx.Damping" in said.stderr
+    assert said.stderr.count("did you mean") == 1

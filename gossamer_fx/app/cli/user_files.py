@@ -201,8 +201,11 @@ def guarded[T](
 def _proposal(error: BaseException) -> str:
     """Names that are similar to an unknown one of an object, as a clause; empty if there are none.
 
-    Python proposes them only in what it prints of an error that nobody catches.
+    Python proposes them only in what it prints of an error that nobody catches, and names of this
+    package are proposed in its own words already.
     """
+    if "did you mean" in str(error):
+        return ""
     if not isinstance(error, AttributeError) or error.obj is None or not error.name:
         return ""
     names = [name for name in dir(error.obj) if not name.startswith("_")]
