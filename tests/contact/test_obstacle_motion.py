@@ -200,3 +200,14 @@ def test_an_obstacle_that_turns_through_a_film_with_its_body_is_noticed():
     # The ball has pushed the film down at the lowest point of its circle.
     assert height.min() < -1e-3
     assert abs(run.energy_error) < 1e-9
+
+
+def test_a_step_that_turns_a_body_past_another_one_names_the_one_that_turns():
+    arm = 0.1
+    spin = 100.0
+    sail = film(MPI.COMM_SELF)
+    hub = gx.RigidBody(1.0, (1e-2, 1e-2, 1e-2), position=(0.0, 0.0, arm), spin=(spin, 0.0, 0.0))
+    ball = gx.contact.Sphere(centre=(0.0, -arm, arm), radius=0.006, body=hub, name="ball")
+    step = math.pi / spin
+    with pytest.raises(gx.StepFailure, match=r"'ball' would turn by \d+° past 'film' in one step"):
+        simulate([gx.Contact(sail, ball, distance=DISTANCE)], until=step, dt=step, halvings=0)
