@@ -734,6 +734,9 @@ class _Follower:
         """Make the solution of the last `_solve` the state of the scene."""
         system = self._system
         system.commit(self._zero)
+        # A point of the path is an equilibrium, from which histories go on.
+        for kind in system.equations.compiled:
+            kind.begin_search()
         # Sets the time of the load itself: adding the pseudo-time to the time would round it.
         self._equilibrium.take_over(self._load.time(point.factor))
         self._last.direction.destroy()

@@ -24,8 +24,9 @@ the positions and does not change in rigid motions: momentum and angular momentu
 branches make a hysteresis whose loops are those of Masing: the way back is the first loading with
 both axes doubled.
 
-In an equilibrium the stress is that at the end of each pseudo-step, and z follows: what is found
-depends on the way of the loads, and increments of load have to be as small as that way is curved.
+In a search for rest the stress is that of one step from the equilibrium before: z follows when the
+next search begins, so that the way of the search does not matter.  What is found depends on the way
+of the loads, and increments of load have to be as small as that way is curved.
 
 Limits.  Friction does not depend on the pressure between the yarns; give the limit that belongs to
 it.  Branches resist wrinkles as well as tension.  A step in which a branch slides back and forth
@@ -38,7 +39,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, cast
 
 import numpy as np
 import ufl
@@ -70,7 +71,8 @@ class InternalFriction(OnBody):
 
     Each branch has the stress k (e - z) of a strain e of the film, up to ± its limit, beyond which
     z follows.  The loss counts as dissipated, the energy of the springs as stored.  At the start z
-    is zero, or as far behind the strain as the limit allows.
+    is zero, or as far behind the strain as the limit allows: the film has come from its stress-free
+    shape.
 
     Args:
         body: a film with a law that has a direction, e.g. `Fabric`, `Orthotropic`.
@@ -79,6 +81,8 @@ class InternalFriction(OnBody):
             from the first axis turn against each other by (cos² β, -sin² β, 0), to first order.
         stiffness: k [N/m] of each branch.
         limit: largest stress [N/m] of each branch.
+        relaxed: whether the branches have no stress at the start instead, as in a fabric that was
+            shaken in this state.
         name: name in messages and output.
 
     Raises:
@@ -102,6 +106,7 @@ class InternalFriction(OnBody):
     strain: tuple[float, float, float]
     stiffness: Sequence[Annotated[float, positive("N/m")]]
     limit: Sequence[Annotated[float, positive("N/m")]]
+    relaxed: bool = False
     name: str = "internal friction"
 
     def __post_init__(self) -> None:
@@ -139,6 +144,7 @@ class InternalFriction(OnBody):
             weights=self.strain,
             stiffness=tuple(self.stiffness),
             limit=tuple(self.limit),
+            relaxed=self.relaxed,
         )
 
 
@@ -156,20 +162,30 @@ class SlidingEnergies(BranchEnergies):
         )
         return SlidingForces(term, at, rule)
 
+    def begin_search(self) -> None:
+        for forces in self.branches:
+            cast(SlidingForces, forces).slide()
+
+    def shape_history(self) -> dict[str, Any]:
+        # What has slid up to this state: the next search would begin with it, too.
+        self.begin_search()
+        return super().shape_history()
+
     def dissipated(self) -> Array:
-        # Also in a search for rest: what slides on the way there is lost.
+        # Also in a search for rest: what has slid from one equilibrium to the next is lost.
         return np.array([forces.dissipated() for forces in self.branches])
 
 
 @dataclass(frozen=True, eq=False)
 class SlidingEnergy(ViscousDissipation):
     """Branches that slide: `weights` are those of (1), `stiffness` k and `limit` s [N/m] of each;
-    `density` has no meaning."""
+    `relaxed` ones have no stress at the start; `density` has no meaning."""
 
     _: KW_ONLY
     weights: tuple[float, float, float]
     stiffness: tuple[float, ...]
     limit: tuple[float, ...]
+    relaxed: bool
     compiler: ClassVar[Compiler] = SlidingEnergies
 
 
@@ -201,14 +217,15 @@ class SlidingForces(BranchForces):
         self.history = [self._nothing(1) for _ in term.stiffness]
         points = interpolation_points(space)
         end = ufl.dot(self._slope, term.measure(at.q1))
-        energies = [k * (end - z[0]) ** 2 / 2 for k, z in zip(self._k, self._z, strict=True)]
+        held = [end - z[0] - self._slip(number, end) for number, z in enumerate(self._z)]
+        energies = [k * u**2 / 2 for k, u in zip(self._k, held, strict=True)]
         self._energy = compile_form(sum(energies) * term.dx)
         self._slid = [fem.Function(space) for _ in term.stiffness]
         self._set_slid: list[Callable[[], None]] = []
         for number, slid in enumerate(self._slid):
             by = ufl.as_vector([self._slip(number, end)])
             self._set_slid.append(tabulation(compile_expression(by, points), slid))
-        at_rest = [k * (end - z[0]) for k, z in zip(self._k, self._z, strict=True)]
+        at_rest = [k * u for k, u in zip(self._k, held, strict=True)]
         self._set_end: Callable[[], None] = tabulation(
             compile_expression(sum(at_rest) * self._slope, points), self._shown
         )
@@ -250,7 +267,11 @@ class SlidingForces(BranchForces):
 
     def _loss(self, change: Expr) -> Expr:
         end = ufl.dot(self._slope, self.measure)
-        return sum(s * abs(self._slip(number, end)) for number, s in enumerate(self._s))
+        # In a search z is that of the equilibrium before, and each pseudo-step adds to what slid.
+        return sum(
+            s * (abs(self._slip(number, end)) - abs(self._slip(number, self._e0[0])))
+            for number, s in enumerate(self._s)
+        )
 
     def begin_step(self, h: float) -> None:
         self._put_history()
@@ -261,20 +282,28 @@ class SlidingForces(BranchForces):
             self._put(values, z)
 
     def commit(self) -> None:
-        """Let z follow the strain at the end of a step, and that of the initial state."""
-        if self.in_step or not self._has_begun:
-            self._has_begun = True
-            self._put_history()
-            if self.in_step:
-                self._set_mean()
-                self.mean[:] = self._values_of(self._shown)
-            for values, slid, set_slid in zip(
-                self.history, self._slid, self._set_slid, strict=True
-            ):
-                set_slid()
-                values += self._values_of(slid)
+        """Let z follow the strain at the end of a step in time, and that of the initial state."""
+        if not self._has_begun and self.term.relaxed:
+            self._set_start()
+            for values in self.history:
+                values[:] = self._values_of(self._e0)
         self._put_history()
+        if self.in_step:
+            self._set_mean()
+            self.mean[:] = self._values_of(self._shown)
+        is_step_in_time = self.in_step and not self._rule.is_static
+        if is_step_in_time or not self._has_begun:
+            self._has_begun = True
+            self.slide()
         self._set_start()
+
+    def slide(self) -> None:
+        """Let z follow the strain of the accepted state."""
+        self._put_history()
+        for values, slid, set_slid in zip(self.history, self._slid, self._set_slid, strict=True):
+            set_slid()
+            values += self._values_of(slid)
+        self._put_history()
 
     def show_end(self) -> None:
         self._put_history()
