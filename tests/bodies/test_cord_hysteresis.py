@@ -136,6 +136,24 @@ def test_equilibria_follow_both_curves() -> None:
     assert statics.totals.losses["cord"] == pytest.approx(lost, rel=1e-6)
 
 
+def test_a_path_that_turns_goes_back_on_the_unloading_curve() -> None:
+    """The end is drawn out by 2.5 %, held for a while, and let back to 2 % in one path: 7.5 N are
+    left of 47.5 N."""
+    film, cord = ribbon(CORD)
+
+    def drawn(X: np.ndarray, t: float) -> np.ndarray:
+        return np.vstack([np.interp(t, range(4), [0.0, 0.025, 0.025, 0.02]) * X[0], 0 * X[:2]])
+
+    held = [gx.Fixed(film, "left"), gx.Fixed(film, "right", motion=drawn, name="end")]
+    statics = gx.Equilibrium(gx.Scene(film, cord, *held))
+    statics.find(at=0.5)
+    probes = {"pull": gx.probes.Reaction(held[1], "x")}
+    found = gx.analysis.path(statics, 3.0, start=0.5, first_step=0.3, probes=probes)
+    pull = found.columns["pull"]
+    assert pull.max() == pytest.approx(47.5, rel=1e-6)
+    assert pull[-1] == pytest.approx(7.5, rel=1e-6)
+
+
 def swinging_mass(comm: MPI.Intracomm = COMM) -> gx.Scene:
     """1 kg on the end of the cord, thrown outwards at 0.5 m/s: it loads the cord to some 2.3 %."""
     film, cord = ribbon(CORD, comm, rate=1.0)
