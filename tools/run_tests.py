@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,8 +25,7 @@ def main(words: Sequence[str]) -> int:
     if words[:1] == [AS_A_RANK]:
         return run_as_a_rank(words[1:])
     os.chdir(ROOT)
-    with tempfile.TemporaryDirectory(prefix="gossamer-", ignore_cleanup_errors=True) as folder:
-        return run_on_both(words, os.environ | with_bytecode(Path(folder)))
+    return run_on_both(words, dict(os.environ))
 
 
 def run_on_both(words: Sequence[str], environment: dict[str, str]) -> int:
@@ -66,15 +64,6 @@ def run_on_both(words: Sequence[str], environment: dict[str, str]) -> int:
         if code:
             return code
     return 0
-
-
-def with_bytecode(folder: Path) -> dict[str, str]:
-    """Let Python keep compiled modules in a folder if it may not do so next to the sources, as in
-    most containers: some hundred programs that tests start would compile the same modules, and
-    each rank and worker all files of tests."""
-    if not sys.dont_write_bytecode:
-        return {}
-    return {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "bytecode")}
 
 
 def variables_of(home: Path) -> dict[str, str]:

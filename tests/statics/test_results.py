@@ -165,7 +165,7 @@ def test_reactions_name_what_they_need(comm):
     taped = at_rest(held, gx.Fixed(film, "right", name="other"), tape)
     with pytest.raises(gx.InputError, match="joins no two bodies and is not on the ground"):
         gx.probes.Reaction(tape, "x")(taped)
-    with pytest.raises(gx.InputError, match="has no force as a support or joint"):
+    with pytest.raises(gx.InputError, match="a load and not a support or joint"):
         gx.probes.Reaction(weight, "z")(equilibrium)
     with pytest.raises(gx.InputError, match="not a support or joint of this scene"):
         gx.probes.Reaction(gx.Fixed(film, "right"), "z")(equilibrium)

@@ -46,9 +46,10 @@ def test_a_picture_does_not_propose_to_record_what_no_run_records(tmp_path: Path
     outputs = [gx.Recording(tmp_path, {"film": ["displacement", "direction"]})]
     gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1), outputs=outputs).run(until=0.1)
     reader = gx.plot.RunReader(tmp_path)
+    fields = "its fields are: displacement (and displacement_x for a component, with _x, _y, _z, "
     remedies = {
-        "strss1": "its fields are: displacement; draw one of these",
-        "direction": "its fields are: displacement; the direction of tension is not drawn",
+        "strss1": f"{fields}_normal); draw one of these",
+        "direction": f"{fields}_normal); the direction of tension is not drawn",
         "stress1": "record it by gx.Recording",
     }
     for field, remedy in remedies.items():

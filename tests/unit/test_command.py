@@ -412,3 +412,19 @@ def test_an_unknown_name_of_an_object_has_a_proposal(tmp_path: Path) -> None:
     said = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert "did you mean gossamer_fx.Damping" in said.stderr
     assert said.stderr.count("did you mean") == 1
+
+
+def test_a_scene_is_read_from_its_text_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled code would be that of another text of the same size and second."""
+    from gossamer_fx.app.cli.user_files import load
+
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.setattr(sys, "pycache_prefix", None)
+    scene = tmp_path / "scene_of_one_second.py"
+    for number in (1, 2):
+        scene.write_text(f"number = {number}\n")
+        os.utime(scene, (1e9, 1e9))
+        assert load(scene).number == number
+    assert not list(tmp_path.glob("**/*.pyc"))

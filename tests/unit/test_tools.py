@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 import importlib
 import json
-import os
-import subprocess
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -70,21 +68,6 @@ def test_tests_on_two_ranks_follow_those_on_one(
     assert len(children.commands) == runs
     assert children.commands[0][-1] == "tests/unit"
     assert runs == 1 or children.commands[1][:3] == ["mpirun", "-n", "2"]
-
-
-@pytest.mark.parametrize("is_forbidden", [False, True])
-def test_programs_of_tests_find_compiled_modules(
-    tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, is_forbidden: bool
-) -> None:
-    """Where bytecode may not be written next to the sources, it is in the folder of the run."""
-    monkeypatch.setattr(sys, "dont_write_bytecode", is_forbidden)
-    variables = tool("run_tests").with_bytecode(tmp_path)
-    (tmp_path / "written.py").write_text("")
-    command = [sys.executable, "-c", "import written"]
-    ordinary = {"PYTHONDONTWRITEBYTECODE": "1" * is_forbidden, "PYTHONPYCACHEPREFIX": ""}
-    subprocess.run(command, cwd=tmp_path, env=os.environ | ordinary | variables, check=True)
-    kept = [path.is_relative_to(tmp_path / "bytecode") for path in tmp_path.rglob("written.*.pyc")]
-    assert kept == [is_forbidden]
 
 
 def test_files_marked_mpi_are_found(tool, monkeypatch: pytest.MonkeyPatch) -> None:

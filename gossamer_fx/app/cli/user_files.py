@@ -90,7 +90,9 @@ def load(path: Path) -> ModuleType:
     # Data classes look up the module in which they are defined.
     sys.modules[path.stem] = module
     setattr(module, _OF_USER, True)
-    spec.loader.exec_module(module)
+    # Its text, and not compiled code that lies next to it: that of a file which is changed twice in
+    # a second would be taken for its own.
+    exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), module.__dict__)
     return module
 
 

@@ -372,6 +372,8 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
         # Laws are values that scenes share: a changed number needs another law.
         changed = self._laws[self._terms.index(term)].with_number(key, np.array(value, dtype=float))
         self._laws[self._terms.index(term)] = changed
+        # What saves the state of a run finds histories in terms.
+        object.__setattr__(term, "law", changed)
 
     def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
         """Loads are subtracted from the residual, hence the sign of -w·Pᵀ ∂f/∂number, with the

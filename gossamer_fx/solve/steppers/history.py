@@ -78,7 +78,9 @@ class History:
             # Else reactions after a restart were zero until the next step.
             self.vectors["reactions"] = system.unknowns.supports.forces
         self.cells: dict[str, tuple[MeshBody, Array]] = {}
-        self._variables: dict[str, HistoryVariables] = {}
+        # Objects with history variables by name: themselves, or fields of terms, which other
+        # numbers replace.
+        self._owners: dict[str, tuple[Any, str]] = {}
         self._find_carriers(carriers)
         self._find_terms()
 
@@ -86,7 +88,7 @@ class History:
         """Add the history variables of the stepper and of the step control."""
         for carrier in carriers:
             name = type(carrier).__name__
-            self._variables[name] = carrier
+            self._owners[name] = carrier, ""
             for what, vector in carrier.vectors.items():
                 self.vectors[f"{name} {what}"] = vector
 
@@ -95,14 +97,21 @@ class History:
         of terms, by names that are the same in each run of a scene."""
         system = self.system
         for k, scalars in enumerate(system.equations.scalar_unknowns):
-            self._variables[name_of_scalars(k)] = scalars
+            self._owners[name_of_scalars(k)] = scalars, ""
         for compiled in system.equations.compiled_as(HistoryVariables):
-            self._variables[type(compiled).__name__] = compiled
+            self._owners[type(compiled).__name__] = compiled, ""
             self.cells |= compiled.cell_history()
         # Terms have no unique names, so their positions in the scene are part of the names.
         for k, term in enumerate(system.unknowns.terms):
-            for what, part in history_parts(term).items():
-                self._variables[f"part {k} {what}"] = part
+            for what in history_parts(term):
+                self._owners[f"part {k} {what}"] = term, what
+
+    def _variables(self) -> dict[str, HistoryVariables]:
+        """The objects with history variables, by name."""
+        return {
+            name: getattr(owner, what) if what else owner
+            for name, (owner, what) in self._owners.items()
+        }
 
     def save(self, vectors: Sequence[str] | None = None) -> SavedState:
         """The present state.  With `vectors` some of them only, as `MOTION`: it is then restored as
@@ -114,7 +123,7 @@ class History:
             time_before=system.unknowns.previous_time,
             vectors={name: np.array(self.vectors[name].array_r) for name in names},
             cells={name: values.copy() for name, (_, values) in self.cells.items()},
-            variables={name: one.get_history() for name, one in self._variables.items()},
+            variables={name: one.get_history() for name, one in self._variables().items()},
             supplied_energy=system.balance.supplied_energy,
             losses=dict(system.balance.losses),
         )
@@ -139,7 +148,7 @@ class History:
             unknowns.previous_time = saved.time
             unknowns.q0.copy(unknowns.previous)
             self.system.equations.start_from(unknowns.q0, saved.time)
-        for name, variables in self._variables.items():
+        for name, variables in self._variables().items():
             # A restart may bring a step control, which starts without a history.
             if name in saved.variables or not isinstance(variables, Carrier):
                 variables.set_history(saved.variables[name])
@@ -149,7 +158,7 @@ class History:
         words, lists and dictionaries, the same on every rank.  Collective."""
         comm = self.system.comm
         found: dict[str, Any] = {}
-        for name, variables in self._variables.items():
+        for name, variables in self._variables().items():
             found[name] = {
                 key: value.of_all_ranks(comm).as_data() if isinstance(value, NamedRows) else value
                 for key, value in variables.get_history().items()
