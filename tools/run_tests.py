@@ -25,12 +25,7 @@ def main(words: Sequence[str]) -> int:
     if words[:1] == [AS_A_RANK]:
         return run_as_a_rank(words[1:])
     os.chdir(ROOT)
-    return run_on_both(words, dict(os.environ))
-
-
-def run_on_both(words: Sequence[str], environment: dict[str, str]) -> int:
-    """Run on one rank, then on two, what the words select; returns the first exit code that is not
-    zero."""
+    environment = dict(os.environ)
     python = sys.executable
     selections: list[list[str]] = [[]]
     if words[:1] == ["--with"]:

@@ -217,7 +217,7 @@ class SlidingForces(BranchForces):
         self.history = [self._nothing(1) for _ in term.stiffness]
         points = interpolation_points(space)
         end = ufl.dot(self._slope, term.measure(at.q1))
-        held = [end - z[0] - self._slip(number, end) for number, z in enumerate(self._z)]
+        held = [self._held(number, end) for number in range(len(self._z))]
         energies = [k * u**2 / 2 for k, u in zip(self._k, held, strict=True)]
         self._energy = compile_form(sum(energies) * term.dx)
         self._slid = [fem.Function(space) for _ in term.stiffness]
@@ -242,6 +242,10 @@ class SlidingForces(BranchForces):
         u = end - self._z[number][0]
         return ufl.max_value(u - φ, 0.0) - ufl.max_value(-u - φ, 0.0)
 
+    def _held(self, number: int, end: Expr) -> Expr:
+        """e - z of a branch at the end of that step, within ± s/k."""
+        return end - self._z[number][0] - self._slip(number, end)
+
     def _set_stresses(self, strain: Expr, start: Expr) -> None:
         end = ufl.variable(strain)
         self.S = self._stress_of(end)
@@ -254,15 +258,15 @@ class SlidingForces(BranchForces):
         e1 = ufl.dot(self._slope, end)
         total: Any = 0.0
         for number, k in enumerate(self._k):
+            if not self._rule.conserves:
+                total += k * self._held(number, e1)
+                continue
             φ = self._s[number] / k
             u0 = self._e0[0] - self._z[number][0]
             u1 = e1 - self._z[number][0]
-            if self._rule.conserves:
-                # What is cut off at ±φ: the part above -φ less that above φ.
-                above = mean_of_positive_part(u0 - φ, u1 - φ)
-                total += k * (mean_of_positive_part(u0 + φ, u1 + φ) - above - φ)
-            else:
-                total += k * (u1 - self._slip(number, e1))
+            # What is cut off at ±φ: the part above -φ less that above φ.
+            above = mean_of_positive_part(u0 - φ, u1 - φ)
+            total += k * (mean_of_positive_part(u0 + φ, u1 + φ) - above - φ)
         return total * self._slope
 
     def _loss(self, change: Expr) -> Expr:
@@ -287,8 +291,8 @@ class SlidingForces(BranchForces):
             self._set_start()
             for values in self.history:
                 values[:] = self._values_of(self._e0)
-        self._put_history()
         if self.in_step:
+            self._put_history()
             self._set_mean()
             self.mean[:] = self._values_of(self._shown)
         is_step_in_time = self.in_step and not self._rule.is_static
