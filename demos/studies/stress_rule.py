@@ -23,7 +23,7 @@ import gossamer_fx as gx
 from demos.films.spinning_sheet import main
 from demos.studies.engine.study import Claim, Study
 from gossamer_fx.extend import Expr, StoredEnergy, StressRule
-from gossamer_fx.mechanics.terms.discrete_gradient import defect, gradient
+from gossamer_fx.mechanics.terms.discrete_gradient import energy_correction, energy_gradient
 
 # Steps of each run: enough that all cells switch their state.
 STEPS = 40
@@ -38,8 +38,8 @@ class Gonzalez(StressRule):
 
     def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
         # The correction makes S·Δe the change of the energy.
-        S = gradient(part.density, (e0 + e1) / 2)
-        return S + defect(part.density, S, e0, e1)
+        S = energy_gradient(part.density, (e0 + e1) / 2)
+        return S + energy_correction(part.density, S, e0, e1)
 
 
 @dataclass(frozen=True)

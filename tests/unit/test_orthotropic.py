@@ -17,7 +17,7 @@ from gossamer_fx.core.forms.backend import evaluate
 from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import cell_axes
-from gossamer_fx.core.forms.strain_path import gradient, with_derivative
+from gossamer_fx.core.forms.strain_path import energy_gradient, with_derivative
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, constants
 from gossamer_fx.mechanics.materials.orthotropic import HEADER
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
@@ -376,7 +376,7 @@ def test_a_rule_without_a_function_for_laws_in_c_is_refused_by_name():
         alpha = 0.5
 
         def stress(self, energy, e0, e1):
-            return gradient(energy.density, e1)
+            return energy_gradient(energy.density, e1)
 
     film = gx.Membrane(sheet(MPI.COMM_SELF, 1, 1), NEARLY_ISOTROPIC, name="tent")
     with pytest.raises(gx.InputError, match="'tent': the stress rule AtTheEnd cannot be used"):

@@ -24,7 +24,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.core.forms.strain_path import gradient
+from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -207,7 +207,7 @@ def likely_tensions(system: System) -> dict[str, float]:
         mesh = part.space.mesh
         strain = np.zeros(part.measure(fem.Function(part.space)).ufl_shape)
         strain[0] = LIKELY_STRAIN
-        stress = gradient(part.density, fem.Constant(mesh, strain))
+        stress = energy_gradient(part.density, fem.Constant(mesh, strain))
         densities = (stress[0], constant(mesh, 1.0))
         own_sums = [fem.assemble_scalar(compile_form(one * part.dx)) for one in densities]
         total, size = system.comm.allreduce(np.array(own_sums))
@@ -261,7 +261,7 @@ def _reached_stress(shape: BodyShape) -> Expr:
 
 def _film_stress(film: Any, e: Expr) -> Expr:
     """Second Piola-Kirchhoff stress (S11, S22, S12) [Pa] of a film at a strain (3,)."""
-    return gradient(film.density, e) / film.constants.thickness
+    return energy_gradient(film.density, e) / film.constants.thickness
 
 
 def _product(a: Expr, b: Expr) -> Expr:

@@ -105,12 +105,12 @@ class Piece:
     state: int = 0
 
 
-def gradient(ψ: Callable[[Expr], Expr], e: Expr) -> Expr:
+def energy_gradient(ψ: Callable[[Expr], Expr], e: Expr) -> Expr:
     """Derivative ψ'(e) of a scalar function of a strain, such as an energy density [J/m²], as an
     expression of the shape of e.
 
     >>> import ufl
-    >>> gradient(lambda e: e[0] ** 2, ufl.as_vector([3.0, 0.0, 0.0])).ufl_shape
+    >>> energy_gradient(lambda e: e[0] ** 2, ufl.as_vector([3.0, 0.0, 0.0])).ufl_shape
     (3,)
     """
     e = ufl.variable(e)

@@ -16,7 +16,7 @@ from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, bar_strain, line_derivative
-from gossamer_fx.core.forms.strain_path import Piece, gradient, mean_of_positive_part
+from gossamer_fx.core.forms.strain_path import Piece, energy_gradient, mean_of_positive_part
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
@@ -384,7 +384,7 @@ class Cable(Curve):
         if self.initial_strain is None and self.length_factor >= 1:
             return None
         x = ufl.SpatialCoordinate(self.mesh.domain)
-        return self.axial_force(x, gradient(self.density, self.measure(x)))
+        return self.axial_force(x, energy_gradient(self.density, self.measure(x)))
 
     def axial_force(self, q: Expr, S: Expr) -> Expr:
         """Tension N = W'(ε) λ [N] at the positions q (3,), with the stretch λ from the natural

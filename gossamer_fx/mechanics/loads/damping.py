@@ -22,7 +22,7 @@ from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.strain_path import gradient
+from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import OnBody, Parameter, Term
@@ -196,7 +196,7 @@ def stiffness_entries(density: Callable[[Expr], Expr], strain: Expr) -> Expr:
     """The nine entries of the stiffness ψ''(e) [N/m] of a film of energy density ψ at a strain e
     (3,), row by row."""
     e = ufl.variable(strain)
-    C = ufl.diff(gradient(density, e), e)
+    C = ufl.diff(energy_gradient(density, e), e)
     return ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
 
 

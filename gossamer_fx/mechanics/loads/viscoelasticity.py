@@ -70,7 +70,7 @@ from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.strain_path import gradient
+from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import OnBody, Term
@@ -394,7 +394,7 @@ class RelaxingForces(BranchForces):
     def _stress_of(self, z: Expr) -> Expr:
         """The stress of a strain z of the branches: ψ'(z), or C_n z."""
         if self.term.wrinkling is None:
-            return gradient(self.term.density, z)
+            return energy_gradient(self.term.density, z)
         return ufl.dot(matrix_of(self._stiffness), z)
 
     def _stress(self, change: Expr) -> Expr:
@@ -407,7 +407,7 @@ class RelaxingForces(BranchForces):
         z = self._z
         change = self._material_change(change)
         of_start, of_both, of_change = self._loss_factors
-        mixed = ufl.dot(gradient(ψ, z), change)
+        mixed = ufl.dot(energy_gradient(ψ, z), change)
         return of_start * ψ(z) + of_both * mixed + of_change * ψ(change)
 
     def dissipated(self) -> float:

@@ -53,7 +53,7 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.strain_path import Piece, gradient, mean_of_positive_part
+from gossamer_fx.core.forms.strain_path import Piece, energy_gradient, mean_of_positive_part
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import (
     ROUND_OFF,
@@ -317,7 +317,7 @@ class Fabric(FilmLaw):
             shear: γ = 2 E12 [rad].
         """
         strains = ufl.as_vector([warp + warp**2 / 2, weft + weft**2 / 2, shear])
-        slopes = gradient(partial(self._energy_in_axes, c=self._numbers()), strains)
+        slopes = energy_gradient(partial(self._energy_in_axes, c=self._numbers()), strains)
         S = apply_derivatives(apply_algebra_lowering(slopes))
         N1, N2, in_shear = (float(S[k](())) for k in range(3))
         return N1 * (1 + warp), N2 * (1 + weft), in_shear

@@ -26,7 +26,7 @@ from gossamer_fx.core.checks.errors import check, require_positive
 from gossamer_fx.core.forms.bending import BendingStiffness, IsotropicBending
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.core.forms.strain_path import Piece, gradient, mean_gradient, within_cone
+from gossamer_fx.core.forms.strain_path import Piece, energy_gradient, mean_gradient, within_cone
 from gossamer_fx.core.model.terms import Parameter
 
 
@@ -325,10 +325,10 @@ class Miyazaki(IsotropicFilm):
         ]
 
         def taut_stress(a: Expr, b: Expr) -> Expr:
-            return gradient(lambda e: _taut(e, c), (a + b) / 2)
+            return energy_gradient(lambda e: _taut(e, c), (a + b) / 2)
 
         def slack_stress(a: Expr, b: Expr) -> Expr:
-            return gradient(lambda e: self._slack(e, c), (a + b) / 2)
+            return energy_gradient(lambda e: self._slack(e, c), (a + b) / 2)
 
         def wrinkled_stress(a: Expr, b: Expr) -> Expr:
             return self._wrinkled_stress(a, b, c)
@@ -353,7 +353,7 @@ class Miyazaki(IsotropicFilm):
             tr, det = invariants(e)
             return factor / 2 * ((1 - u) * (tr**2 / 2 - det) + u * (tr**2 - 2 * (1 - ν) * det))
 
-        of_quadratic = gradient(quadratic, (ea + eb) / 2)
+        of_quadratic = energy_gradient(quadratic, (ea + eb) / 2)
         return of_quadratic + factor * (1 - u) * mean_gradient(ea, eb)
 
     def _wrinkled(self, e: Expr, c: Any) -> Expr:

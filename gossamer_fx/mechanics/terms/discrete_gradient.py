@@ -31,7 +31,7 @@ Algorithm.
 3. Where the law names the pieces of the path between which its state switches
    (`forms.strain_path`), each piece is integrated in closed form.  Elsewhere Gauss points
    approximate (4).
-4. What the quadrature misses of (2) is added along Δe = e1 - e0 (Gonzalez's correction, `defect`):
+4. What the quadrature misses of (2) is added along Δe = e1 - e0 (`energy_correction`, Gonzalez):
 
        S_mean + (ψ(e1) - ψ(e0) - S_mean·Δe)/|Δe|² Δe                                             (5)
 
@@ -75,8 +75,7 @@ import ufl
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.strain_path import Piece
-from gossamer_fx.core.forms.strain_path import gradient as gradient
+from gossamer_fx.core.forms.strain_path import Piece, energy_gradient
 from gossamer_fx.mechanics.materials.film import CLaw
 
 # Round-off of a difference of energies, over their sum.
@@ -202,7 +201,7 @@ class PathAverage(StressRule):
         Δe = e1 - e0
         # The average (4) of a linear stress is that in the middle: exact, without a correction.
         if energy.quadratic:
-            return gradient(ψ, (e0 + e1) / 2)
+            return energy_gradient(ψ, (e0 + e1) / 2)
         S = ufl.zero(Δe.ufl_shape)
         # Step 3.  Where two pieces meet they have the same stress: the derivative of a point at
         # which the integral is divided cancels, and need not be taken.
@@ -215,8 +214,8 @@ class PathAverage(StressRule):
             # Gauss points p and weights w are on [-1, 1] with weights that add up to 2; the path is
             # on [0, 1].
             for p, w in zip(*np.polynomial.legendre.leggauss(self.points), strict=True):
-                S += float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe)
-        return S + defect(ψ, S, e0, e1)
+                S += float(w) / 2 * energy_gradient(ψ, e0 + float(1 + p) / 2 * Δe)
+        return S + energy_correction(ψ, S, e0, e1)
 
     def function_of(self, law: CLaw) -> int:
         return law.path_average
@@ -254,7 +253,7 @@ class PathAverage(StressRule):
             # is the mean stress of that state over the whole path.
             fills_path = ufl.ge(sum(parts[1:], parts[0]), 1.0)
             S = stress(e0, e1)
-            found.append((fills_path, S + defect(energy.density, S, e0, e1)))
+            found.append((fills_path, S + energy_correction(energy.density, S, e0, e1)))
         return found
 
 
@@ -271,7 +270,7 @@ class EndPoint(StressRule):
     alpha = 1.0
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
-        return gradient(energy.density, e1)
+        return energy_gradient(energy.density, e1)
 
     def function_of(self, law: CLaw) -> int:
         return law.end_point
@@ -308,7 +307,7 @@ def gonzalez_correction(
     return [missing / squares * change for change in changes]
 
 
-def defect(
+def energy_correction(
     ψ: Any,
     S: Expr,
     e0: Expr,

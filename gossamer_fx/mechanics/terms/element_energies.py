@@ -82,7 +82,7 @@ from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.cell_loops import assembly, tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
+from gossamer_fx.core.forms.strain_path import Piece, energy_gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.materials.film import ROUND_OFF, CLaw
@@ -361,7 +361,7 @@ class ViscousForces(ElementForces):
 
     def _stress(self, change: Expr) -> Expr:
         """The damping stress of a change of strain within the step, to which it is proportional."""
-        return gradient(self.term.density, change / self._at.h)
+        return energy_gradient(self.term.density, change / self._at.h)
 
     def _loss(self, change: Expr) -> Expr:
         """The loss of a change of strain within the step, per unit of the mesh."""

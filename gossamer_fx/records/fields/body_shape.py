@@ -27,9 +27,10 @@ from ufl.algorithms.analysis import extract_constants
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.core.model.state import State
-from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint, StressRule, gradient
+from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint, StressRule
 from gossamer_fx.mechanics.terms.element_energies import (
     ElementEnergies,
     StoredEnergy,
@@ -189,7 +190,7 @@ class BodyShape:
     def _elastic_stress(self, e0: Expr, e1: Expr) -> Expr:
         """Stress of the law on the path of strains from e0 to e1, without that of branches."""
         if e0 is e1:
-            return gradient(self.body.density, e1)
+            return energy_gradient(self.body.density, e1)
         energy = next(
             term
             for term in self._system.unknowns.terms
@@ -200,7 +201,7 @@ class BodyShape:
             # The energy of a reduced film has the law on another mesh.
             if self._on_path is None:
                 self._on_path = constant(self.body.space.mesh, 0.0)
-            return gradient(self.body.density, e0 + self._on_path * (e1 - e0))
+            return energy_gradient(self.body.density, e0 + self._on_path * (e1 - e0))
         return self.rule.stress(energy, e0, ufl.variable(e1))
 
     def is_on_path(self, expression: Expr) -> bool:

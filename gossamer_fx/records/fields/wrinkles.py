@@ -37,10 +37,10 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.terms.discrete_gradient import gradient
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.solve.system.system import System
 
@@ -159,7 +159,7 @@ def _wrinkle_quantities(shape: BodyShape) -> Expr:
     film = shape.body
     # Strains and stresses are vectors (3,) in the frame of the film, strains with twice the shear.
     elastic = shape.elastic_strain()
-    stress = gradient(film.density, elastic)
+    stress = energy_gradient(film.density, elastic)
     strain = film.law.taut_strain(stress, film.constants) - elastic
     in_frame = ufl.as_matrix([[strain[0], strain[2] / 2], [strain[2] / 2, strain[1]]])
     deformation = film.deformation(shape.q)

@@ -40,8 +40,9 @@ from dataclasses import KW_ONLY, dataclass, field
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.mechanics.materials.film import CLaw
-from gossamer_fx.mechanics.terms.discrete_gradient import PathEnergy, StressRule, gradient
+from gossamer_fx.mechanics.terms.discrete_gradient import PathEnergy, StressRule
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.steppers.midpoint import MidpointSolver
 from gossamer_fx.solve.steppers.stepping import Stepper, check_step
@@ -57,7 +58,7 @@ class StressInMiddle(StressRule):
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
         # By `takes_mid_strain`, e1 is the strain in the middle of the step.
-        return gradient(energy.density, e1)
+        return energy_gradient(energy.density, e1)
 
     def function_of(self, law: CLaw) -> int:
         # The C function of the stress of one strain.
