@@ -23,7 +23,9 @@ General kinds of terms
     `NamedRows`
 Laws and obstacles
     `FilmLaw`, the base of laws of films, `IsotropicFilm` of those with two moduli; pieces of a path
-    of strain are `Piece` with `within_cone`, and a plate needs the law's `BendingStiffness`
+    of strain are `Piece` with `within_cone`, and a plate needs the law's `BendingStiffness`;
+    numbers that vary over a film are a `Property`; `half_trace_and_radius` of Mohr's circle
+    `Folding`, the base of fold maps, `Folded`, the start that one makes, and lines that are `Bent`
     `Obstacle`, that of what contact keeps films off: its parts are `ObstacleBoundary` and
     `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or own ones: `LawBoundary`, whose
     distance is a plain function, `BoundaryStencil`, `PairStencil`; its picture is a `DrawnSurface`
@@ -43,13 +45,14 @@ Gas
     `CompiledEnclosure`, `CompiledWall`; the
     `GasNetwork` that openings name as their `scalar_unknowns`; `isentropic_flow`
 Steppers
-    `Stepper`, `StepSolver`, `StressRule`
+    `Stepper`, `StepSolver`, `StressRule`, which may use `energy_gradient` and `energy_correction`
 Runs
-    `StateView`, `HasSystem`, `Output`, `Probe`, and `Objective`, the base of results with
-    derivatives
+    `StateView`, `HasSystem`, `Output` with the `Schedule` of its records, `Probe`, and `Objective`,
+    the base of results with derivatives; `STATES` of films by name with their `STATE_COLOURS`
 Studies
     `CaseSet` of cases that are run, kept and judged: `run_cases`, `Result`, `Judgement`, `verdict`,
-    `changes` against stored results, `read_results`, `write_results`; `recorded_warnings`
+    `changes` against stored results, `read_results`, `write_results`; `recorded_warnings`;
+    `one_at_a_time` the values that are varied, and `SPREAD_LIMIT`, how far an answer may move
     tables and pictures: `markdown_table`, `number_text`, `values_text`, `observed_order`,
     `ErrorCurve` with `draw_error_curves`
     what is measured: `relative_drift`, `FieldFunctions`, `AreaFractions`

@@ -1,3 +1,5 @@
+from .analysis.answer_spread import SPREAD_LIMIT as SPREAD_LIMIT
+from .analysis.answer_spread import one_at_a_time as one_at_a_time
 from .analysis.cases.case_set import CaseSet as CaseSet
 from .analysis.cases.case_set import Judgement as Judgement
 from .analysis.cases.case_set import changes as changes
@@ -13,7 +15,9 @@ from .analysis.cases.results import read_results as read_results
 from .analysis.cases.results import recorded_warnings as recorded_warnings
 from .analysis.cases.results import values_text as values_text
 from .analysis.cases.results import write_results as write_results
+from .build.fold.folding import Folded as Folded
 from .build.fold.folding import Folding as Folding
+from .build.fold.polyline import Bent as Bent
 from .core.algebra.named_rows import NamedRows as NamedRows
 from .core.algebra.numbering import NumberedBlock as NumberedBlock
 from .core.algebra.point_measures import Gather as Gather
@@ -47,8 +51,10 @@ from .core.forms.compilation import compile_form as compile_form
 from .core.forms.compilation import constant as constant
 from .core.forms.kinematics import Expr as Expr
 from .core.forms.kinematics import area_vector as area_vector
+from .core.forms.kinematics import half_trace_and_radius as half_trace_and_radius
 from .core.forms.kinematics import line_derivative as line_derivative
 from .core.forms.strain_path import Piece as Piece
+from .core.forms.strain_path import energy_gradient as energy_gradient
 from .core.forms.strain_path import within_cone as within_cone
 from .core.laws.law import compile_law as compile_law
 from .core.laws.tracing import Number as Number
@@ -74,6 +80,7 @@ from .core.model.state import Sampled as Sampled
 from .core.model.state import State as State
 from .core.model.terms import Parameter as Parameter
 from .core.model.terms import Term as Term
+from .mechanics.bodies.properties import Property as Property
 from .mechanics.contact.obstacles import DrawnSurface as DrawnSurface
 from .mechanics.contact.obstacles import Obstacle as Obstacle
 from .mechanics.contact.obstacles import ObstacleBoundary as ObstacleBoundary
@@ -107,6 +114,7 @@ from .mechanics.terms.assembly import Multipliers as Multipliers
 from .mechanics.terms.assembly import Shown as Shown
 from .mechanics.terms.coordinates import Coordinates as Coordinates
 from .mechanics.terms.discrete_gradient import StressRule as StressRule
+from .mechanics.terms.discrete_gradient import energy_correction as energy_correction
 from .mechanics.terms.element_energies import StoredEnergy as StoredEnergy
 from .mechanics.terms.element_energies import ViscousDissipation as ViscousDissipation
 from .mechanics.terms.element_energies import thermal_strain_of as thermal_strain_of
@@ -132,9 +140,12 @@ from .mechanics.terms.scalar_unknowns import ScalarTotals as ScalarTotals
 from .mechanics.terms.scalar_unknowns import ScalarUnknowns as ScalarUnknowns
 from .mechanics.terms.supports import Support as Support
 from .records.fields.fields import FieldFunctions as FieldFunctions
+from .records.fields.film_states import STATES as STATES
 from .records.fields.film_states import AreaFractions as AreaFractions
 from .records.outputs.output import Output as Output
 from .records.outputs.output import Probe as Probe
+from .records.outputs.output import Schedule as Schedule
+from .records.plot.colours import STATE_COLOURS as STATE_COLOURS
 from .records.probes.objective import Objective as Objective
 from .solve.solvers.newton import Newton as Newton
 from .solve.steppers.stepping import Stepper as Stepper

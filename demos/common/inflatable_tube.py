@@ -6,17 +6,17 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any
 
 import gossamer_fx as gx
-from gossamer_fx.build.fold.folding import Folded
 from gossamer_fx.extend import (
     FilmLaw,
+    Folded,
     Folding,
     Group,
+    Property,
     Vector,
     check,
     check_arguments,
     not_negative,
 )
-from gossamer_fx.mechanics.bodies.properties import Property
 
 Opening = float | Callable[[float], float]
 

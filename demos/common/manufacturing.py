@@ -15,8 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.build.fold.polyline import Bent
-from gossamer_fx.extend import Array, check
+from gossamer_fx.extend import Array, Bent, check
 
 # Errors over their standard deviation.
 LARGEST = 2.0

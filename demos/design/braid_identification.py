@@ -48,8 +48,7 @@ from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.validation.engine.case import Measured, Test, read_case
 from demos.validation.models import braided_tube
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
-from gossamer_fx.extend import Array, Objective
-from gossamer_fx.solve.system.system import System
+from gossamer_fx.extend import Array, Objective, System
 
 CASES = Path(__file__).parents[1] / "validation" / "cases"
 NAMES = ("stretching", "shear")

@@ -26,8 +26,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import new_figure, save
-from gossamer_fx.core.forms.kinematics import half_trace_and_radius
-from gossamer_fx.extend import Array, geometry_nodes
+from gossamer_fx.extend import Array, geometry_nodes, half_trace_and_radius
 from meshes.sheet import CORNERS, crossed_sheet
 
 SIDE = 0.5  # m

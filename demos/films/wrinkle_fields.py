@@ -22,10 +22,7 @@ import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import new_figure, save
 from demos.studies import airbag, bending_strip
-from gossamer_fx.extend import Array, FieldFunctions
-from gossamer_fx.mechanics.materials.film import WRINKLED
-from gossamer_fx.records.fields.film_states import STATES
-from gossamer_fx.records.plot.colours import STATE_COLOURS
+from gossamer_fx.extend import STATE_COLOURS, STATES, Array, FieldFunctions
 
 LAW = "Miyazaki 1e-6"  # name of a law in both studies
 K = 3.0  # curvature of the strip, E t H² κ/(2 P)
@@ -113,7 +110,7 @@ def _draw_part(axes: Any, part: Wrinkles) -> None:
         PolyCollection(corners, facecolors=colours, edgecolors="white", linewidths=0.3)
     )
 
-    is_wrinkled = part.state == WRINKLED
+    is_wrinkled = part.state == STATES["wrinkled"]
     edge_lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     cell_size = edge_lengths.mean(axis=1)
     # A line is two thirds as long as the edges of its cell.
@@ -140,8 +137,8 @@ def main(output: str | Path | None = None) -> dict[str, float]:
         scenes = {f"Tensioned film, bent by K = {K:g}": [strip], "Square airbag under 5 kPa": bag}
         draw(scenes, Path(output) / "wrinkle_fields.png")
     return {
-        "strip wrinkled": float((strip.state == WRINKLED).mean()),
-        "airbag wrinkled": float((bag[0].state == WRINKLED).mean()),
+        "strip wrinkled": float((strip.state == STATES["wrinkled"]).mean()),
+        "airbag wrinkled": float((bag[0].state == STATES["wrinkled"]).mean()),
     }
 
 

@@ -42,10 +42,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
-from gossamer_fx.extend import Output
+from gossamer_fx.extend import Output, Schedule
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
-from gossamer_fx.records.outputs.output import Schedule
 
 TITLE = "A tube pressed flat, deployed from a tank"
 LENGTH = 0.8  # m

@@ -29,8 +29,7 @@ from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.extend import Array, Result
-from gossamer_fx.mechanics.gas.openings import isentropic_flow
+from gossamer_fx.extend import Array, Result, isentropic_flow
 
 AIR = gx.IdealGas(gamma=1.4, R=287.0, name="air")
 GAMMA = AIR.gamma

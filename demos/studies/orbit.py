@@ -34,15 +34,14 @@ from scipy.special import ellipk
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.mechanics.orbit.elements import elements_of
-from gossamer_fx.mechanics.orbit.harmonics import J2, MU, RADIUS
+from gossamer_fx.orbit import EARTH_J2, EARTH_MU, EARTH_RADIUS, elements_of
 
 # Semi-major axis [m] of all orbits: 620 km above the Earth.
 A = 7e6
 # Radius [m] that the Earth is given: with its own the perigees of e = 0.1 are below the ground.
-EARTH_RADIUS = 6e6
+CENTRE_RADIUS = 6e6
 # Mean motion [rad/s], and time of a revolution [s].
-RATE = math.sqrt(MU / A**3)
+RATE = math.sqrt(EARTH_MU / A**3)
 REVOLUTION = 2 * math.pi / RATE
 # Time [s] between readings of drifting angles: a multiple of all steps.
 EVERY = 120.0
@@ -91,7 +90,7 @@ def problem(comm: MPI.Comm, scene: str, h: float) -> dict[str, float]:
 
 def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation, float]:
     """Ten revolutions of a rigid or a flexible body, and how far it is from where it should be."""
-    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1), radius=EARTH_RADIUS)
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1), radius=CENTRE_RADIUS)
     # Three different moments of inertia: the body tumbles.
     tumbling = gx.RigidBody(
         20.0,
@@ -191,7 +190,7 @@ def drift(
     # At the critical inclination the exact drift is almost zero, and no scale.
     if critical:
         semi_latus_rectum = A * (1 - e**2)
-        scale = 3 * RATE * J2 * (RADIUS / semi_latus_rectum) ** 2
+        scale = 3 * RATE * EARTH_J2 * (EARTH_RADIUS / semi_latus_rectum) ** 2
     return run, 1 + (rate - exact) / scale
 
 
@@ -205,7 +204,7 @@ def _flight(
 ) -> tuple[gx.Simulation, float]:
     """A flight of a point mass, and the slope [rad/s] of an angle of its orbit over the times
     [s]."""
-    orbit = gx.orbit.Orbit(elements, gravity=gravity, radius=EARTH_RADIUS)
+    orbit = gx.orbit.Orbit(elements, gravity=gravity, radius=CENTRE_RADIUS)
     scene = gx.Scene(gx.PointMass(20.0, comm=comm), orbit)
     run = gx.Simulation(scene, gx.Midpoint(dt=h))
     probe = gx.probes.OrbitState(orbit, angle)
@@ -223,9 +222,9 @@ def _exact_drift(elements: gx.orbit.Elements, angle: str, times: np.ndarray) -> 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         """Velocity and acceleration (6,) for position and velocity y (6,), gravity with J2."""
         r = float(np.linalg.norm(y[:3]))
-        bulge = 1.5 * J2 * (RADIUS / r) ** 2
+        bulge = 1.5 * EARTH_J2 * (EARTH_RADIUS / r) ** 2
         along = 1 + bulge * (np.array([1.0, 1.0, 3.0]) - 5 * (y[2] / r) ** 2)
-        return np.concatenate([y[3:], -MU / r**3 * along * y[:3]])
+        return np.concatenate([y[3:], -EARTH_MU / r**3 * along * y[:3]])
 
     start = np.concatenate(elements.state())
     # Tolerances near round-off: 1 µm of 7000 km.

@@ -22,8 +22,13 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.films.spinning_sheet import main
 from demos.studies.engine.study import Claim, Study
-from gossamer_fx.extend import Expr, StoredEnergy, StressRule
-from gossamer_fx.mechanics.terms.discrete_gradient import energy_correction, energy_gradient
+from gossamer_fx.extend import (
+    Expr,
+    StoredEnergy,
+    StressRule,
+    energy_correction,
+    energy_gradient,
+)
 
 # Steps of each run: enough that all cells switch their state.
 STEPS = 40

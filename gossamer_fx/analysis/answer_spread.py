@@ -41,7 +41,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import replace_file
 
 # Change of a quantity up to which it counts as determined, unless another limit is given.
-LIMIT = 0.1
+SPREAD_LIMIT = 0.1
 
 # A quantity is statistical if no factor changes it by more than this multiple of the range that the
 # starts cover: two or three starts cover about half of the range of ten.
@@ -128,7 +128,7 @@ class Spread:
 
     results: Sequence[Result]
     chance: Sequence[str] = ()
-    limit: float = LIMIT
+    limit: float = SPREAD_LIMIT
     scales: Mapping[str, float] = field(default_factory=dict)
     quantities: Sequence[str] = ()
 
@@ -284,7 +284,7 @@ def spread(
     chance: Sequence[str] = (),
     quantities: Sequence[str] = (),
     scales: Mapping[str, float] | None = None,
-    limit: Annotated[float, positive()] = LIMIT,
+    limit: Annotated[float, positive()] = SPREAD_LIMIT,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     folder: str | Path | None = None,
     executor: Executor | None = None,

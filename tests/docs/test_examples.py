@@ -86,7 +86,8 @@ def examples(name: str, names: dict[str, Any] | None = None) -> list[doctest.Doc
 
 @pytest.mark.parametrize("name", public_names())
 def test_there_is_an_example(name: str) -> None:
-    assert examples(name)
+    # Constants of nature explain themselves.
+    assert examples(name) or isinstance(attrgetter(name)(gx), float)
 
 
 OWN_PARTS = {name: getattr(gossamer_fx.extend, name) for name in dir(gossamer_fx.extend)}

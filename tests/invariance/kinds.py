@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Attached
-from gossamer_fx.mechanics.orbit.harmonics import MU
+from gossamer_fx.mechanics.orbit.harmonics import EARTH_MU
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.meshes.plates import irregular_sheet
@@ -465,10 +465,10 @@ def attitude(at: Description) -> Made:
 def orbit(at: Description) -> Made:
     """Two masses on a spring in a low orbit, and a rigid body."""
     R = 7e6
-    speed = math.sqrt(MU / R)
+    speed = math.sqrt(EARTH_MU / R)
     flight = gx.orbit.Orbit(
         (at.vector((R, 0.0, 0.0), "m"), at.vector((0.0, 0.8 * speed, 0.6 * speed), "m/s")),
-        mu=at(MU, "m³/s²"),
+        mu=at(EARTH_MU, "m³/s²"),
         radius=at(6.378137e6, "m"),
         following=at(1000.0, "s"),
         shadow="none",

@@ -13,7 +13,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.orbit import libration
 from gossamer_fx.mechanics.orbit.elements import Elements, elements_of
-from gossamer_fx.mechanics.orbit.harmonics import J2, MU, RADIUS
+from gossamer_fx.mechanics.orbit.harmonics import EARTH_J2, EARTH_MU, EARTH_RADIUS
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.mechanics.orbit.relative_gravity import equivalent_points
 from gossamer_fx.meshes.sheet import sheet
@@ -21,7 +21,7 @@ from tests.small_scenes import run_until
 
 # Semi-major axis [m] of a low orbit, its rate [rad/s] and period [s].
 A = 7e6
-RATE = math.sqrt(MU / A**3)
+RATE = math.sqrt(EARTH_MU / A**3)
 PERIOD = 2 * math.pi / RATE
 
 
@@ -175,9 +175,9 @@ def test_oblateness_turns_the_node_and_the_perigee() -> None:
     e = 0.05
     i = 0.6
     start = Elements(a, e, i=i, node=1.0, perigee=0.7, anomaly=0.0)
-    n = math.sqrt(MU / a**3)
+    n = math.sqrt(EARTH_MU / a**3)
     p = a * (1 - e**2)
-    rate = 1.5 * n * J2 * (RADIUS / p) ** 2
+    rate = 1.5 * n * EARTH_J2 * (EARTH_RADIUS / p) ** 2
     orbit = Orbit(start, gravity="J2")
     body = gx.PointMass(10.0)
     run = run_until(2 * math.pi / n, body, orbit, dt=20.0)

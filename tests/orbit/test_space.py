@@ -11,7 +11,7 @@ from scipy import integrate, special
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.orbit.elements import Elements, elements_of
-from gossamer_fx.mechanics.orbit.harmonics import MU, RADIUS
+from gossamer_fx.mechanics.orbit.harmonics import EARTH_MU, EARTH_RADIUS
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics, flow_coefficients
 from gossamer_fx.mechanics.orbit.sky import (
     AU,
@@ -56,7 +56,7 @@ def test_keplers_motion_obeys_newtons_law(orbit: Elements) -> None:
     t = 4000.0
 
     def rate(_: float, y: np.ndarray) -> np.ndarray:
-        return np.concatenate([y[3:], -MU * y[:3] / np.linalg.norm(y[:3]) ** 3])
+        return np.concatenate([y[3:], -EARTH_MU * y[:3] / np.linalg.norm(y[:3]) ** 3])
 
     found = integrate.solve_ivp(
         rate,
@@ -93,7 +93,7 @@ def test_what_is_no_orbit_is_refused() -> None:
 def test_part_of_an_orbit_in_the_cylinder(a: float, degrees: float, known: float) -> None:
     β = math.radians(degrees)
     sun = AU * np.array([math.cos(β), 0, math.sin(β)])
-    exact = math.acos(math.sqrt(a**2 - RADIUS**2) / (a * math.cos(β))) / math.pi
+    exact = math.acos(math.sqrt(a**2 - EARTH_RADIUS**2) / (a * math.cos(β))) / math.pi
     assert exact == pytest.approx(known, abs=5.1e-7)
     angles = math.pi * np.array(
         [1 - exact * (1 - 1e-9), 1 - exact * (1 + 1e-9)]
@@ -125,7 +125,7 @@ def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
         SUN_RADIUS * np.stack([0 * radius, radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
         + sun
     )
-    for lateral in np.linspace(RADIUS - 4e4, RADIUS + 4e4, 9):
+    for lateral in np.linspace(EARTH_RADIUS - 4e4, EARTH_RADIUS + 4e4, 9):
         place = np.array([-math.sqrt(r**2 - lateral**2), lateral, 0])
         ray = disc - place
         nearest = (
@@ -134,14 +134,14 @@ def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
             / np.sum(ray**2, axis=-1, keepdims=True)
             * ray
         )
-        seen = np.mean(np.linalg.norm(nearest, axis=-1) > RADIUS)
+        seen = np.mean(np.linalg.norm(nearest, axis=-1) > EARTH_RADIUS)
         # The count has the error of the points on the limb.
         assert sunlit_in_cone(place, sun) == pytest.approx(seen, abs=0.006)
     assert sunlit_in_cone(np.array([7e6, 0, 0]), sun) == 1
     assert sunlit_in_cone(np.array([-7e6, 0, 0]), sun) == 0
     far = np.array([-3e9, 0, 0])
     # Beyond the tip of the umbra: one less the ratio of the two discs.
-    annular = 1 - (math.asin(RADIUS / 3e9) / math.asin(SUN_RADIUS / (AU + 3e9))) ** 2
+    annular = 1 - (math.asin(EARTH_RADIUS / 3e9) / math.asin(SUN_RADIUS / (AU + 3e9))) ** 2
     assert sunlit_in_cone(far, sun) == pytest.approx(annular, rel=1e-12)
 
 

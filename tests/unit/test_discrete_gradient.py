@@ -59,7 +59,7 @@ def path_average(law, points=10) -> Samples:
 @cache
 def stress(law) -> Samples:
     part = law_part(law)
-    return Samples(lambda e: discrete_gradient.gradient(part.density, e))
+    return Samples(lambda e: discrete_gradient.energy_gradient(part.density, e))
 
 
 def parts(values):

@@ -15,8 +15,7 @@ from typing import Any
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.answer_spread import LIMIT, one_at_a_time
-from gossamer_fx.extend import CaseSet, Judgement, Result
+from gossamer_fx.extend import SPREAD_LIMIT, CaseSet, Judgement, Result, one_at_a_time
 
 
 @dataclass(frozen=True)
@@ -59,11 +58,11 @@ class SpreadStudy:
     expected: Mapping[str, Expected]
     chance: Sequence[str] = ()
     scales: Mapping[str, float] = field(default_factory=dict)
-    limit: float = LIMIT
+    limit: float = SPREAD_LIMIT
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     quick_options: Mapping[str, Any] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
-    repeatability: float = LIMIT
+    repeatability: float = SPREAD_LIMIT
     expected_warnings: Mapping[str, str] = field(default_factory=dict)
     expected_failures: bool = False
 

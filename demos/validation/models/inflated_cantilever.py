@@ -38,8 +38,7 @@ from demos.validation.models.braided_tube import (
     inflated_stretches,
     inflation,
 )
-from gossamer_fx.extend import check
-from gossamer_fx.records.fields.film_states import STATES
+from gossamer_fx.extend import STATES, check
 
 # Cells over half of the section.
 CELLS_AROUND = 12

@@ -21,7 +21,6 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import Mesh
 from petsc4py import PETSc
-from ufl.algorithms.analysis import extract_constants
 
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import geometry_element, geometry_nodes
@@ -77,7 +76,7 @@ def depends_on(form: ufl.Form, coefficient: Coefficient) -> bool:
     if isinstance(coefficient, MeshNodes):
         return bool(form.ufl_domain().ufl_cargo() is coefficient.mesh._cpp_object)
     if isinstance(coefficient, fem.Constant):
-        return any(constant is coefficient for constant in extract_constants(form))
+        return any(constant is coefficient for constant in form.constants())
     return any(function is coefficient for function in form.coefficients())
 
 
@@ -169,6 +168,9 @@ class AdjointFields:
 
     def __init__(self, system: System) -> None:
         self._system = system
+        # Made at the first use: forms take longer to make than to derive, and all variables derive
+        # the same ones.
+        self._residual_forms: list[ufl.Form] | None = None
         self.of: dict[Body, fem.Function] = {}
         self.inertia: dict[Body, fem.Function] = {}
         for body in system.unknowns.bodies:
@@ -193,6 +195,8 @@ class AdjointFields:
     def residual_forms(self) -> list[ufl.Form]:
         """μ·r of all forces that are forms.  Functions that are filled with values at quadrature
         points are replaced by their expressions, which depend on parameters, too."""
+        if self._residual_forms is not None:
+            return self._residual_forms
         expressions: dict[fem.Function, Any] = {}
         found = []
         for compiled in self._system.equations.differentiable:
@@ -201,6 +205,7 @@ class AdjointFields:
                 found += compiled.residual_forms(body, μ)
         if expressions:
             found = [ufl.replace(form, expressions) for form in found]
+        self._residual_forms = found
         return found
 
     def inertia_forms(self) -> list[ufl.Form]:

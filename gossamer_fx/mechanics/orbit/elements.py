@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gossamer_fx.core.checks.arguments import positive
-from gossamer_fx.extend import Array, Range, check, check_arguments
-from gossamer_fx.mechanics.orbit.harmonics import MU
+from gossamer_fx.extend import Array, Range, Vector, check, check_arguments
+from gossamer_fx.mechanics.orbit.harmonics import EARTH_MU
 
 # Eccentricity, and sine of the inclination, below which the direction to perigee, or to the node,
 # is round-off.
@@ -69,17 +69,17 @@ class Elements:
         )
 
     @check_arguments
-    def motion(self, mu: Annotated[float, positive("m³/s²")] = MU) -> float:
+    def motion(self, mu: Annotated[float, positive("m³/s²")] = EARTH_MU) -> float:
         """Mean motion n = √(μ/|a|³) [rad/s]."""
         return math.sqrt(mu / abs(self.a) ** 3)
 
     @check_arguments
-    def period(self, mu: Annotated[float, positive("m³/s²")] = MU) -> float:
+    def period(self, mu: Annotated[float, positive("m³/s²")] = EARTH_MU) -> float:
         """2π/n [s] of an ellipse."""
         return 2 * math.pi / self.motion(mu)
 
     @check_arguments
-    def state(self, mu: Annotated[float, positive("m³/s²")] = MU) -> tuple[Array, Array]:
+    def state(self, mu: Annotated[float, positive("m³/s²")] = EARTH_MU) -> tuple[Array, Array]:
         """Position (3,) [m] and velocity (3,) [m/s] at the true anomaly, relative to the central
         body with the gravitational parameter `mu` [m³/s²], by default the Earth."""
         # p: semi-latus rectum [m]; r, v: position [m] and velocity [m/s] in the axes of the orbit;
@@ -94,7 +94,7 @@ class Elements:
         return R @ r, R @ v
 
     @check_arguments
-    def after(self, t: float, mu: Annotated[float, positive("m³/s²")] = MU) -> Elements:
+    def after(self, t: float, mu: Annotated[float, positive("m³/s²")] = EARTH_MU) -> Elements:
         """The elements t seconds later, without perturbations (Kepler's equation)."""
         M = self._mean_anomaly() + self.motion(mu) * t
         return replace(self, anomaly=_true_anomaly(M, self.e))
@@ -114,18 +114,29 @@ class Elements:
         return e * math.sinh(H) - H
 
 
-def elements_of(r: Array, v: Array, mu: float = MU) -> Elements:
-    """Osculating elements of a position r (3,) [m] from the centre and a velocity v (3,) [m/s], for
-    a gravitational parameter `mu` [m³/s²].
+@check_arguments
+def elements_of(
+    r: Vector | Array, v: Vector | Array, mu: Annotated[float, positive("m³/s²")] = EARTH_MU
+) -> Elements:
+    """Osculating elements of a position and a velocity.
 
     The perigee of a circle (e below 1e-11) is set to its node, the node of an equatorial orbit
-    (sine of the inclination below 1e-11) to the x axis.  `InputError`: a straight line (sine of the
-    angle between r and v below 1e-9) or a parabola (energy below 1e-14 μ/|r|).
+    (sine of the inclination below 1e-11) to the x axis.
 
-    >>> import numpy as np
-    >>> circle = elements_of(np.array([7e6, 0.0, 0.0]), np.array([0.0, np.sqrt(MU / 7e6), 0.0]))
-    >>> round(circle.a), circle.e
-    (7000000, 0.0)
+    Args:
+        r: position (3,) [m] from the centre.
+        v: velocity (3,) [m/s].
+        mu: gravitational parameter [m³/s²].
+
+    Raises:
+        InputError: a straight line (sine of the angle between r and v below 1e-9) or a parabola
+            (energy below 1e-14 μ/|r|).
+
+    Example:
+        >>> speed = (gx.orbit.EARTH_MU / 7e6) ** 0.5
+        >>> circle = gx.orbit.elements_of((7e6, 0.0, 0.0), (0.0, speed, 0.0))
+        >>> round(circle.a), circle.e
+        (7000000, 0.0)
     """
     r = np.asarray(r, dtype=float)
     v = np.asarray(v, dtype=float)

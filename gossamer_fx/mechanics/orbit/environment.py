@@ -15,9 +15,9 @@ from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import Array, Vector, ask_numbers, check, is_vector, positive
 from gossamer_fx.mechanics.orbit.elements import Elements
 from gossamer_fx.mechanics.orbit.harmonics import (
+    EARTH_MU,
+    EARTH_RADIUS,
     EGM_MU,
-    MU,
-    RADIUS,
     SolidHarmonics,
     egm2008,
     oblateness,
@@ -68,14 +68,14 @@ class Environment(Item):
         missing where the gravity field or a third body depends on the date, or the library ERFA for
         dates is not installed."""
         self.name = name
-        self.is_round_earth = mu is None or abs(mu / MU - 1) <= SAME_CENTRE
+        self.is_round_earth = mu is None or abs(mu / EARTH_MU - 1) <= SAME_CENTRE
         check(
             self.is_round_earth
             or (gravity == "point" and not epoch and not third_bodies and radius is not None),
             f"Orbit '{name}': mu is {mu!r} m³/s², not that of the Earth; give the radius of the "
             "centre and leave out gravity, epoch and third_bodies, which are the Earth's.",
         )
-        self.radius = RADIUS if radius is None else radius
+        self.radius = EARTH_RADIUS if radius is None else radius
         self.pressure = pressure
         self.following = following
         # Arguments that a restart compares, see `records.outputs.output`.
@@ -90,14 +90,14 @@ class Environment(Item):
         self.shadow: Shadow = shadow
         self._harmonics: SolidHarmonics | None = None
         if gravity == "J2":
-            self._harmonics = oblateness(mu=MU if mu is None else mu)
+            self._harmonics = oblateness(mu=EARTH_MU if mu is None else mu)
         elif gravity != "point":
             assert isinstance(gravity, int)
             self._harmonics = egm2008(gravity)
         # Harmonics of a degree depend on the longitude; J2 alone is the same at all of them.
         self._turns = isinstance(gravity, int)
         # The coefficients of EGM2008 belong to its value of μ.
-        self.mu = mu if mu is not None else EGM_MU if self._turns else MU
+        self.mu = mu if mu is not None else EGM_MU if self._turns else EARTH_MU
         self._third_bodies = tuple(third_bodies)
         check(
             epoch is not None or not (self._turns or self._third_bodies),

@@ -174,9 +174,9 @@ def unnormalise(c: Coefficients, geodetic: bool) -> Coefficients:
 # ---- gravity of the Earth ------------------------------------------------------------------------
 
 # Gravitational parameter [m³/s²] and equatorial radius [m] of the Earth in WGS 84, and J2 of EGM96.
-MU = 3.986004418e14
-RADIUS = 6378137.0
-J2 = 1.08262668e-3
+EARTH_MU = 3.986004418e14
+EARTH_RADIUS = 6378137.0
+EARTH_J2 = 1.08262668e-3
 
 # Gravitational parameter [m³/s²] and reference radius [m] to which the coefficients of EGM2008
 # refer, and the highest degree in the file.
@@ -185,7 +185,9 @@ EGM_RADIUS = 6378136.3
 EGM_DEGREE = 20
 
 
-def oblateness(J2: float = J2, mu: float = MU, radius: float = RADIUS) -> SolidHarmonics:
+def oblateness(
+    J2: float = EARTH_J2, mu: float = EARTH_MU, radius: float = EARTH_RADIUS
+) -> SolidHarmonics:
     """Potential -(μ/r) J2 (a/r)² P_2(sin φ) [m²/s²] of an oblate body around the z axis, with the
     gravitational parameter μ [m³/s²] and the equatorial radius a [m].
 

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.extend import Array, InputError, check
-from gossamer_fx.mechanics.orbit.harmonics import RADIUS
+from gossamer_fx.mechanics.orbit.harmonics import EARTH_RADIUS
 
 # Astronomical unit, and radius of the Sun [m].
 AU = 149597870700.0
 SUN_RADIUS = 6.957e8
 
 
-def shadow_depth(r: Array, sun: Array, radius: float = RADIUS) -> float:
+def shadow_depth(r: Array, sun: Array, radius: float = EARTH_RADIUS) -> float:
     """Depth [m] of a position r (3,) [m] from the Earth's centre in the cylindrical shadow of a
     radius [m]; negative in light.  `sun` (3,) is the position of the Sun, or a direction to it of
     any length.
@@ -41,14 +41,14 @@ def shadow_depth(r: Array, sun: Array, radius: float = RADIUS) -> float:
     return radius - float(np.linalg.norm(across))
 
 
-def sunlit_in_cylinder(r: Array, sun: Array, radius: float = RADIUS) -> float:
+def sunlit_in_cylinder(r: Array, sun: Array, radius: float = EARTH_RADIUS) -> float:
     """1 in light, 0 in the cylindrical shadow; the arguments are those of `shadow_depth`."""
     if shadow_depth(r, sun, radius) > 0:
         return 0.0
     return 1.0
 
 
-def sunlit_in_cone(r: Array, sun: Array, radius: float = RADIUS) -> float:
+def sunlit_in_cone(r: Array, sun: Array, radius: float = EARTH_RADIUS) -> float:
     """Fraction of the Sun's disc that is visible from r (3,) [m], 1 in light and 0 in the umbra;
     `sun` (3,) [m] is the position of the Sun, both from the Earth's centre, and `radius` [m] that
     of the Earth.
