@@ -43,12 +43,15 @@ def main(words: Sequence[str]) -> int:
         if not words:
             # MPICH has 2048 communicators, which all tests on two ranks together use up
             selections = [[str(path)] for path in files_marked_mpi()]
-    workers: list[str] = []
+    options: list[str] = []
+    if not words:
+        # The table of the longest tests: what makes the suite long is seen at each run.
+        options = ["--durations=30", "--durations-min=5"]
     # The whole suite takes all cores; a few tests are done before a second process has started.
     if not words and find_spec("xdist") is not None:
         # What the tests of one file share, such as a recorded run, is made by one worker.
-        workers = ["-n", "auto", "--dist", "loadfile"]
-    code = run_child([python, "-m", "pytest", *workers, *words], environment)
+        options += ["-n", "auto", "--dist", "loadfile"]
+    code = run_child([python, "-m", "pytest", *options, *words], environment)
     if code:
         return code
     if not sys.stdout.isatty():
