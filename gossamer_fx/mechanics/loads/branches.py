@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.terms.assembly import Assembly, HistoryVariables
@@ -22,6 +23,26 @@ from gossamer_fx.mechanics.terms.element_energies import (
     ViscousForces,
     quadrature_element,
 )
+
+
+def check_branches(what: str, body: Any, **numbers: Sequence[float]) -> None:
+    """Raise `InputError`, which begins with `what`, unless each branch has one of each of two kinds
+    of numbers, given by their names, and the body is one whose strain alone has a stress."""
+    (first, of_first), (second, of_second) = numbers.items()
+    check(
+        len(of_first) == len(of_second) > 0,
+        f"{what}: {len(of_first)} {first} and {len(of_second)} {second} are given; "
+        "give one of each for every branch.",
+    )
+    check(
+        not body.bends,
+        f"{what}: '{body.name}' is a Plate, whose bending branches do not act on; "
+        "use a body that does not bend.",
+    )
+    check(
+        body.thermal is None,
+        f"{what}: '{body.name}' has thermal expansion; leave one of them out.",
+    )
 
 
 class BranchForces(ViscousForces):

@@ -56,7 +56,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.loads.branches import BranchEnergies, BranchForces
+from gossamer_fx.mechanics.loads.branches import BranchEnergies, BranchForces, check_branches
 from gossamer_fx.mechanics.materials.orthotropic import in_axes
 from gossamer_fx.mechanics.terms.assembly import Compiler
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
@@ -111,22 +111,9 @@ class InternalFriction(OnBody):
 
     def __post_init__(self) -> None:
         what = f"InternalFriction '{self.name}'"
-        check(
-            len(self.stiffness) == len(self.limit) > 0,
-            f"{what}: {len(self.stiffness)} stiffnesses and {len(self.limit)} limits are given; "
-            "give one of each for every branch.",
-        )
-        check(any(self.strain), f"{what}: strain is {self.strain!r}; give a weight that is not 0.")
         body = self.body
-        check(
-            not body.bends,
-            f"{what}: '{body.name}' is a Plate, whose bending has no friction here; "
-            "use a Membrane.",
-        )
-        check(
-            body.thermal is None,
-            f"{what}: '{body.name}' has thermal expansion; leave one of them out.",
-        )
+        check_branches(what, body, stiffnesses=self.stiffness, limits=self.limit)
+        check(any(self.strain), f"{what}: strain is {self.strain!r}; give a weight that is not 0.")
         check(
             hasattr(body.law, "direction"),
             f"{what}: the law of '{body.name}' has no direction; use one that has, e.g. "

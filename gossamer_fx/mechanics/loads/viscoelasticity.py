@@ -77,7 +77,7 @@ from gossamer_fx.core.model.terms import OnBody, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.loads.branches import BranchEnergies, BranchForces
+from gossamer_fx.mechanics.loads.branches import BranchEnergies, BranchForces, check_branches
 from gossamer_fx.mechanics.loads.damping import matrix_of, stiffness_entries
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler
@@ -130,21 +130,8 @@ class Viscoelasticity(OnBody):
 
     def __post_init__(self) -> None:
         what = f"Viscoelasticity '{self.name}'"
-        check(
-            len(self.ratios) == len(self.times) > 0,
-            f"{what}: {len(self.ratios)} ratios and {len(self.times)} times are given; "
-            "give one of each for every branch.",
-        )
         body = self.body
-        check(
-            not body.bends,
-            f"{what}: '{body.name}' is a Plate, whose bending does not relax here; "
-            "use a Membrane, Cable or Beam.",
-        )
-        check(
-            body.thermal is None,
-            f"{what}: '{body.name}' has thermal expansion; leave one of them out.",
-        )
+        check_branches(what, body, ratios=self.ratios, times=self.times)
         check(
             isinstance(body, Beam) or body.law.quadratic or _taut_law(body) is not None,
             f"{what}: the law of '{body.name}' is neither quadratic in the strain nor one that is "

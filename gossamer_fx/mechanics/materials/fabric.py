@@ -148,10 +148,15 @@ class Fabric(FilmLaw):
         """The points as constants of a mesh: another fabric with as many points compiles nothing,
         and results have derivatives by the tensions of the points."""
         found = super().constants(mesh)
+        for name, values in self._points().items():
+            setattr(found, name, fem.Constant(mesh, np.array(values)))
+        return found
+
+    def _points(self) -> dict[str, Any]:
+        """Strains and tensions of the points of all curves, as `constants` names them."""
+        found: dict[str, Any] = {}
         for name in CURVES:
-            strains, tensions = getattr(self, name)
-            setattr(found, f"{name}_strains", fem.Constant(mesh, np.array(strains)))
-            setattr(found, name, fem.Constant(mesh, np.array(tensions)))
+            found[f"{name}_strains"], found[name] = getattr(self, name)
         return found
 
     # ---- curves ----------------------------------------------------------------------------------
@@ -317,21 +322,15 @@ class Fabric(FilmLaw):
             shear: γ = 2 E12 [rad].
         """
         strains = ufl.as_vector([warp + warp**2 / 2, weft + weft**2 / 2, shear])
-        slopes = energy_gradient(partial(self._energy_in_axes, c=self._numbers()), strains)
+        c = SimpleNamespace(
+            contraction=self.contraction,
+            residual_stiffness=self.residual_stiffness,
+            **self._points(),
+        )
+        slopes = energy_gradient(partial(self._energy_in_axes, c=c), strains)
         S = apply_derivatives(apply_algebra_lowering(slopes))
         N1, N2, in_shear = (float(S[k](())) for k in range(3))
         return N1 * (1 + warp), N2 * (1 + weft), in_shear
-
-    def _numbers(self) -> SimpleNamespace:
-        """The numbers of the law, as `constants` names them."""
-        found = SimpleNamespace(
-            contraction=self.contraction, residual_stiffness=self.residual_stiffness
-        )
-        for name in CURVES:
-            strains, tensions = getattr(self, name)
-            setattr(found, f"{name}_strains", strains)
-            setattr(found, name, tensions)
-        return found
 
 
 @dataclass(frozen=True, kw_only=True)
