@@ -273,7 +273,7 @@ def test_any_damaged_key_of_run_json_is_refused_in_a_sentence(
                     "\n" not in str(error) and str(error).endswith(".") and "run.json" in str(error)
                 )
                 continue
-            # A report takes time: each key has two or three of the values, all values have many keys.
+            # A report takes time: each key has two or three values, each value many keys.
             if (number + kind) % 4:
                 continue
             said = use(folder, tmp_path)
