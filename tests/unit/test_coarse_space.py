@@ -280,7 +280,10 @@ def test_a_difficult_system_with_contact_is_factorised_unless_the_factors_fill_u
     for limit in (0.0, factorisation.MAX_FILL):
         monkeypatch.setattr(factorisation, "MAX_FILL", limit)
         run = flat_rooted_tube.build(comm, cells=4).simulation()
-        run.run(until=3e-4)
+        # Later steps are near the limit of iterations: whether one is rejected, and its parts end
+        # elsewhere, is up to round-off.
+        run.run(until=2e-5)
+        assert run.substeps == 0
         names.append(str(run.solver.newton._preconditioner.getPythonContext()))
         ends.append(run.system.unknowns.q0.array_r.copy())
     assert "coarse space" in names[0]

@@ -4,7 +4,7 @@ sentence."""
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Any
@@ -18,6 +18,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import folded_in_plane
+from gossamer_fx.extend import Group, Item
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleBoundary, ObstacleSolid
 from gossamer_fx.mechanics.gas.enclosure import label_components
 from gossamer_fx.meshes.arrays import mesh_of_arrays
@@ -65,6 +66,18 @@ def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture
     with caplog.at_level(logging.WARNING):
         compiled(contact_with_plane(sail, -0.1, "first"), contact_with_plane(sail, 0.1, "second"))
     assert "'first' and 'second' both keep 'film' apart from itself" in caplog.text
+
+
+def test_an_own_item_can_warn_of_a_scene(comm, caplog: pytest.LogCaptureFixture) -> None:
+    class Lamp(Group):
+        name = "lamp"
+
+        def warnings(self, items: Iterable[Item]) -> Iterable[str]:
+            yield f"'lamp' shines on {[item.name for item in items if item is not self]}."
+
+    with caplog.at_level(logging.WARNING):
+        gx.Scene(film(comm), Lamp()).compile()
+    assert "'lamp' shines on ['film']" in caplog.text
 
 
 @pytest.mark.mpi

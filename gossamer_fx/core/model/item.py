@@ -35,6 +35,11 @@ class Item:
         """What it adds to the equations of a scene that begins in a `State`: each a `Term`."""
         return ()
 
+    def warnings(self, items: Iterable[Item]) -> Iterable[str]:
+        """What of it is unusual in a scene of these items: sentences that are printed once before
+        the scene is computed.  Collective."""
+        return ()
+
 
 class Group(Item):
     """Items under one name, which `requires` returns; it adds nothing itself."""

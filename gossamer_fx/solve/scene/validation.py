@@ -35,6 +35,7 @@ from gossamer_fx.core.mesh.quality import (
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Meshed
+from gossamer_fx.mechanics.terms.scalar_unknowns import BringsScalarUnknowns
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -115,8 +116,7 @@ def warnings(items: list[Any]) -> Iterator[str]:
         # Obstacles are not items of a scene: a contact has them.
         for obstacle in getattr(item, "obstacles", ()):
             yield from _of_numbers(f"{obstacle.name} of {item.name}", obstacle)
-        if hasattr(item, "warnings"):
-            yield from item.warnings(items)
+        yield from item.warnings(items)
 
 
 def _of_mesh(body: MeshBody) -> Iterator[str]:
@@ -287,7 +287,7 @@ def _ends(field: fem.Function) -> tuple[float, ...]:
 
 def _of_gas(item: Any) -> Iterator[str]:
     """Warnings about the gas of an item, and about boundaries of gas that are not items."""
-    if not hasattr(item, "scalar_unknowns"):
+    if not isinstance(item, BringsScalarUnknowns):
         return
     # Imported here, as scenes without gas must not pay for it.
     from gossamer_fx.mechanics.gas.contract import Holder
