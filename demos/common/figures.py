@@ -20,6 +20,9 @@ RED = "#c0392b"
 GREEN = "#2e7d4f"
 GREY = "#7a7a7a"
 
+# Above and below a legend, of the height of the axes.
+LEGEND_GAP = 0.02
+
 
 def new_figure(width: float = 10.0, height: float = 3.9) -> Figure:
     """An empty figure of a size in inches, of a hundred pixels each."""
@@ -33,9 +36,33 @@ def save(figure: Figure, path: Path, title: str = "") -> None:
     """Write a figure as PNG, with a title if one is given; missing folders are made."""
     if title:
         figure.suptitle(title)
+    for axes in figure.axes:
+        if axes.get_legend() is not None and axes.name != "3d":
+            _uncover_curves(axes)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
     print(f"picture written to {path}")
+
+
+def _uncover_curves(axes: Any) -> None:
+    """Make room above the curves of axes for their legend, if it covers one of them."""
+    legend = axes.get_legend()
+    figure = axes.figure
+    # The layout decides where both are.
+    figure.draw_without_rendering()
+    box = legend.get_window_extent()
+    frame = axes.get_window_extent()
+    curves = [line.get_transform().transform_path(line.get_path()) for line in axes.lines]
+    if not any(curve.intersects_bbox(box, filled=False) for curve in curves):
+        return
+    share = (box.height + 2 * LEGEND_GAP * frame.height) / frame.height
+    scale = axes.yaxis.get_transform()
+    low, high = scale.transform(axes.get_ylim())
+    # Labels for an axis of the whole range would name values that no curve has.
+    ticks = [tick for tick in axes.get_yticks() if low <= scale.transform([tick])[0] <= high]
+    axes.set_ylim(top=scale.inverted().transform([low + (high - low) / (1 - share)])[0])
+    axes.set_yticks(ticks)
+    legend.set_loc("upper center")
 
 
 def finish(axes: Any, xlabel: str, ylabel: str, **legend: Any) -> None:

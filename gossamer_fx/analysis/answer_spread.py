@@ -19,7 +19,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
-from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,13 +31,14 @@ from gossamer_fx.analysis.cases.results import (
     Result,
     markdown_table,
     number_names,
+    shown_names,
     value_text,
     values_text,
 )
 from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check, on_rank_zero, output_failures
+from gossamer_fx.core.checks.errors import check, on_rank_zero
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.outputs.output import replace_file
+from gossamer_fx.records.plot.written_panels import written_panels
 
 # Change of a quantity up to which it counts as determined, unless another limit is given.
 SPREAD_LIMIT = 0.1
@@ -135,7 +135,7 @@ class Spread:
     @property
     def names(self) -> list[str]:
         """Names of the quantities that are judged."""
-        return list(self.quantities) or number_names(self.results)
+        return list(self.quantities) or shown_names([run.numbers for run in self.results])
 
     @property
     def factors(self) -> list[str]:
@@ -153,7 +153,7 @@ class Spread:
         Raises:
             InputError: no run has such a number.
         """
-        known = number_names(self.results)
+        known = number_names([run.numbers for run in self.results])
         check(
             quantity in known,
             f"No run has a number {quantity!r}; give one of {', '.join(known) or 'none'}.",
@@ -222,36 +222,24 @@ class Spread:
         Raises:
             OutputFailure: the file cannot be written.
         """
-        # Imported here, as only pictures need it.
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         shown = [name for name in self.names if not self.verdict(name).reason]
         panel_height = _ROW_HEIGHT * len(self.factors) + _PANEL_EXTRA
-        height = max(panel_height * len(shown), 1.0)
-        figure = Figure(figsize=(_WIDTH, height), facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
-        panels = figure.subplots(max(len(shown), 1), 1, squeeze=False)[:, 0]
-        for axes, name in zip(panels, shown, strict=False):
-            usual = self.results[0].numbers[name]
-            axes.axvline(usual, color="#33383d", linewidth=1.0)
-            for row, factor in enumerate(self.factors):
-                values: Array = np.array([run.numbers[name] for run in self.runs_of(factor)])
-                ends = [min(usual, values.min()), max(usual, values.max())]
-                colour = "#D55E00" if factor in self.chance else "#0072B2"
-                axes.plot(ends, [row, row], color=colour, linewidth=3, alpha=0.35)
-                axes.plot(values, np.full(len(values), row), "o", color=colour, markersize=4)
-            axes.set_yticks(range(len(self.factors)), self.factors, fontsize=8)
-            axes.set_ylim(len(self.factors) - 0.5, -0.5)
-            axes.tick_params(axis="x", labelsize=8)
-            axes.set_title(f"{name}: {self.verdict(name)}", fontsize=9, loc="left")
-            axes.spines[["top", "right"]].set_visible(False)
-        path = Path(path)
-        with output_failures(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        picture = BytesIO()
-        figure.savefig(picture, format=path.suffix[1:] or "png", dpi=120)
-        replace_file(path, picture.getvalue())
+        size = (_WIDTH, max(panel_height * len(shown), 1.0))
+        with written_panels(path, size, max(len(shown), 1)) as panels:
+            for axes, name in zip(panels[:, 0], shown, strict=False):
+                usual = self.results[0].numbers[name]
+                axes.axvline(usual, color="#33383d", linewidth=1.0)
+                for row, factor in enumerate(self.factors):
+                    values: Array = np.array([run.numbers[name] for run in self.runs_of(factor)])
+                    ends = [min(usual, values.min()), max(usual, values.max())]
+                    colour = "#D55E00" if factor in self.chance else "#0072B2"
+                    axes.plot(ends, [row, row], color=colour, linewidth=3, alpha=0.35)
+                    axes.plot(values, np.full(len(values), row), "o", color=colour, markersize=4)
+                axes.set_yticks(range(len(self.factors)), self.factors, fontsize=8)
+                axes.set_ylim(len(self.factors) - 0.5, -0.5)
+                axes.tick_params(axis="x", labelsize=8)
+                axes.set_title(f"{name}: {self.verdict(name)}", fontsize=9, loc="left")
+                axes.spines[["top", "right"]].set_visible(False)
 
 
 def one_at_a_time(vary: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:

@@ -419,14 +419,25 @@ def test_what_is_not_supported_is_refused_by_name(comm):
     film = gx.Membrane(sheet(comm, 2, 2), LINEAR, initial_stress=1e4)
     edges = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
     relaxing = at_rest(*edges, gx.loads.flat_damping(film, loss_factor=0.01, band=(1.0, 10.0)))
-    with pytest.raises(gx.InputError, match="relaxes, so that the stiffness depends"):
-        harmonic_response(
-            relaxing,
-            modes(relaxing, 1),
-            of={"z": gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")},
-            frequencies=[1.0],
-            loads=[gx.Pressure(film, 1.0)],
-        )
+    fabric = gx.LinearOrthotropic(
+        E1=1e6, E2=1e6, nu12=0.0, G12=5e5, density=1000.0, thickness=1e-3, direction=(1, 0, 0)
+    )
+    woven = gx.Membrane(sheet(comm, 2, 2), fabric, initial_stress=1e4)
+    edges = [gx.Fixed(woven, edge) for edge in ("left", "right", "bottom", "top")]
+    yarns = gx.loads.InternalFriction(woven, strain=(0, 0, 1), stiffness=(1e3,), limit=(1.0,))
+    rubbing = at_rest(*edges, yarns)
+    for refused, body, words in (
+        (relaxing, film, "relaxes, so that the stiffness depends"),
+        (rubbing, woven, "'internal friction' sticks and slides"),
+    ):
+        with pytest.raises(gx.InputError, match=words):
+            harmonic_response(
+                refused,
+                modes(refused, 1),
+                of={"z": gx.probes.Position(body.port_at((0.5, 0.5, 0.0)), "z")},
+                frequencies=[1.0],
+                loads=[gx.Pressure(body, 1.0)],
+            )
 
 
 def test_modes_of_what_is_damped_are_those_without(comm):

@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.analysis.cases.results import shown_names
 from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.line import line
 from gossamer_fx.records.plot.answers import answers
@@ -57,8 +58,9 @@ def test_one_equilibrium_with_its_modes(comm, folder):
     about = gx.plot.RunReader(folder / "case").about
     assert about["kind"] == "equilibrium"
     assert gx.plot.RunReader(folder / "case" / "modes" / "mode_2").about["kind"] == "mode"
-    # One equilibrium has no extremes, and a report says the frequencies.
-    assert not [name for name in numbers if name.endswith((" smallest", " largest"))]
+    # Extremes of one equilibrium are not shown, and a report says the frequencies.
+    shown = shown_names([numbers])
+    assert not [name for name in shown if name.endswith((" smallest", " largest"))]
     rows = {row[0]: row[1] for row in answers(gx.plot.RunReader(folder / "case"))}
     for name in ("frequency 1 [Hz]", "frequency 2 [Hz]"):
         assert float(rows[name]) == pytest.approx(numbers[name], rel=1e-3)
@@ -72,8 +74,8 @@ def test_a_path_and_another_record_in_its_folder(comm, folder):
     assert numbers["held [N] at the end"] == pytest.approx(-20.0, rel=1e-6)
     assert numbers["held [N] largest"] == pytest.approx(-5.0, rel=1e-6)
     # Extremes come last, as a picture of a sweep has room for the first numbers only.
-    names = list(numbers)
-    assert names.index("frequency 1 [Hz]") < names.index("held [N] smallest")
+    names = shown_names([numbers])
+    assert names.index("frequency 1 [Hz]") < names.index("held [N] largest")
     with pytest.raises(gx.InputError, match="holds"):
         stretched(comm).compute(folder / "case")
     stretched(comm).compute(folder / "case", overwrite=True)
@@ -85,6 +87,12 @@ def test_a_path_and_another_record_in_its_folder(comm, folder):
 def test_values_and_a_path_exclude_each_other(comm):
     with pytest.raises(gx.InputError, match="leave one of them out"):
         stretched(comm, at=(1.0,), path={"until": 1.0})
+
+
+@pytest.mark.parametrize("more", [{}, {"modes": 2}, {"at": (1.0,), "until": 1.0}])
+def test_an_equilibrium_in_a_case_of_a_run_is_told_where_it_belongs(comm, more):
+    with pytest.raises(gx.InputError, match="give it to gossamer_fx.analysis.StaticCase"):
+        gx.Case(stretched(comm).equilibrium, **more)
 
 
 class TestCommandLine:

@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.analysis.cases.case_set import SharedRuns
-from gossamer_fx.analysis.cases.results import Result, values_text
+from gossamer_fx.analysis.cases.results import Result, shown_names, values_text
 from gossamer_fx.app.cli.scene_sweep import values_of
 from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
 
@@ -105,6 +105,31 @@ def test_an_extreme_that_is_the_last_value_is_not_drawn_again(
     run_factorial(Factorial(outcome, {"a": [1.0, 2.0]}), MPI.COMM_SELF, tmp_path)
     titles = [axes.get_title(loc="left") for axes in drawn[0].axes]
     assert [title for title in titles if title] == ["y at the end", "y smallest"]
+    # Neither is it in the table, where extremes come last, too.
+    assert shown_names([{"x smallest": 0.0, "x at the end": 1.0, "f": 2.0, "x largest": 1.0}]) == [
+        "x at the end",
+        "f",
+        "x smallest",
+    ]
+
+
+def test_numbers_that_cover_each_other_are_one_line_by_the_rule_of_curves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What differs by less than a line's width in the panel is one line, also where the numbers are
+    not equal."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **options: drawn.append(figure))
+    shifts = {"p": 0.0, "q": 1e-3, "r": 0.1}
+
+    def outcome(comm: MPI.Intracomm, folder: Path, a: float, kind: str) -> dict[str, float]:
+        return {"y": a + shifts[kind]}
+
+    over = {"a": [1.0, 2.0], "kind": list(shifts)}
+    run_factorial(Factorial(outcome, over), MPI.COMM_SELF, tmp_path)
+    [axes] = [axes for axes in drawn[0].axes if axes.get_title(loc="left") == "y"]
+    assert [line.get_ydata()[0] for line in axes.lines] == [1.0, 1.1]
+    assert {text.get_text() for text in axes.texts} == {"kind p; kind q", "kind r"}
 
 
 def test_seeds_are_told_apart_by_their_last_digit() -> None:

@@ -275,6 +275,37 @@ class TestInstalledCommand:
         assert done.stderr.startswith(f"gossamer: {said}") and done.stderr.count("\n") == 1
 
     @pytest.mark.parametrize(
+        ("body", "said"),
+        [
+            ("number('x')", "gossamer: 'x' is not a number; give one, e.g. 0.8.\n"),
+            ("1 / 0", "ZeroDivisionError"),
+        ],
+    )
+    def test_a_demo_without_the_command_ends_in_a_sentence_too(
+        self, tmp_path: Path, body: str, said: str
+    ) -> None:
+        """Of an error of the program, and in a script of the user, the trace helps."""
+        (tmp_path / "demos" / "sails").mkdir(parents=True)
+        (tmp_path / "demos" / "common").symlink_to(ROOT / "demos" / "common")
+        text = f"from demos.common.command_line import number\n\n{body}\n"
+        demo_file = tmp_path / "demos" / "sails" / "one.py"
+        script = tmp_path / "own.py"
+        for file in (demo_file, script):
+            file.write_text(text)
+            done = subprocess.run(
+                [sys.executable, str(file)],
+                env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"},
+                capture_output=True,
+                text=True,
+            )
+            is_sentence = file == demo_file and "gossamer" in said
+            assert ("Traceback" in done.stderr) != is_sentence, done.stderr
+            if is_sentence:
+                assert done.stderr == said and done.returncode == 2
+            else:
+                assert "_say" not in done.stderr and done.returncode == 1
+
+    @pytest.mark.parametrize(
         ("error", "code"), [("InputError", 2), ("StepFailure", 1), ("NoEquilibrium", 1)]
     )
     def test_an_error_of_a_demo_is_a_sentence(self, tmp_path: Path, error: str, code: int) -> None:

@@ -44,9 +44,9 @@ from gossamer_fx.analysis.cases.results import (
     compute,
     key_of,
     markdown_table,
-    number_names,
     read_result,
     results_as_csv,
+    shown_names,
     value_text,
     values_text,
 )
@@ -181,7 +181,7 @@ class Judgement:
 
 def plain_rows(results: Results) -> list[list[str]]:
     """Headings, and cells with the values, numbers, wall times and folders of all results."""
-    names = number_names(results)
+    names = shown_names([result.numbers for result in results])
     rows = [[*results[0].values, *names, "time [s]", "folder in runs"]]
     for result in results:
         cells = [value_text(value) for value in result.values.values()]

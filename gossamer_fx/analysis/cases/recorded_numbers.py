@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.analysis.cases.results import EXTREMES, LAST
 from gossamer_fx.core.checks.errors import on_rank_zero
 
 
@@ -15,9 +16,8 @@ def recorded_numbers(comm: MPI.Intracomm, folder: Path) -> dict[str, float]:
     Collective.
 
     Returns:
-        "... at the end" for each probe, in the unit of the probe, "... pressure [Pa] at the end"
-        for each chamber, then "... smallest" and "... largest" for each probe that was recorded
-        more than once: the picture has room for the first ones.
+        "... at the end", "... smallest" and "... largest" for each probe, in the unit of the probe,
+        and "... pressure [Pa] at the end" for each chamber.
 
     Raises:
         InputError: the folder holds no run.
@@ -32,13 +32,11 @@ def _read_numbers(folder: Path) -> dict[str, float]:
     run = RunTables(folder)
     columns = run.table("probes.csv").items()
     probes = {name: values for name, values in columns if name not in run.not_values}
-    numbers = {f"{name} at the end": float(values[-1]) for name, values in probes.items()}
+    numbers = {f"{name}{LAST}": float(values[-1]) for name, values in probes.items()}
     for name, values in run.table("gas.csv").items():
         if name.endswith(" pressure"):
-            numbers[f"{name} [Pa] at the end"] = float(values[-1])
+            numbers[f"{name} [Pa]{LAST}"] = float(values[-1])
     for name, values in probes.items():
-        if len(values) < 2:
-            continue
-        numbers[f"{name} smallest"] = float(np.min(values))
-        numbers[f"{name} largest"] = float(np.max(values))
+        for kind, of in zip(EXTREMES, (np.min, np.max), strict=True):
+            numbers[f"{name}{kind}"] = float(of(values))
     return numbers

@@ -29,11 +29,11 @@ from gossamer_fx.core.checks.errors import (
     NoEquilibrium,
     StepFailure,
     check,
-    output_failures,
 )
 from gossamer_fx.core.checks.strange_files import DAMAGED, read_json
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import replace_file
+from gossamer_fx.records.plot.written_panels import written_panels
 from gossamer_fx.version import VERSION
 
 Numbers = Sequence[float] | Array
@@ -42,7 +42,6 @@ Numbers = Sequence[float] | Array
 PANEL_WIDTH = 4.5
 PANEL_HEIGHT = 3.3
 NAME_HEIGHT = 0.165
-RESOLUTION = 110  # dots per inch
 
 # On an axis of a smaller ratio of the ends the usual ticks of a logarithmic axis are few.
 WIDE_RATIO = 20.0
@@ -101,8 +100,6 @@ def draw_error_curves(
     """
     # Imported here, as only pictures need it.
     from matplotlib import colormaps
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
     has_sizes = any(len(curve.sizes) > 0 for curves in rows.values() for curve in curves)
@@ -110,48 +107,39 @@ def draw_error_curves(
     count = max((len(curves) for curves in rows.values()), default=0)
     height = max(PANEL_HEIGHT, NAME_HEIGHT * count) * len(rows) + 0.4
     # A third column is for the names.
-    figure = Figure(
-        figsize=(PANEL_WIDTH * columns + 2.0, height), facecolor="white", layout="constrained"
-    )
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(rows), columns, squeeze=False, sharex="col", sharey="row")
-    for (label, curves), axes in zip(rows.items(), panels, strict=True):
-        # Zero has no place on a logarithmic axis.
-        has_errors = are_errors and any(error > 0 for curve in curves for error in curve.errors)
-        groups = list(dict.fromkeys(curve.colour_group or curve.name for curve in curves))
-        palette = colormaps["tab10" if len(groups) <= MAX_TEN_COLOURS else "tab20"]
-        drawn: dict[str, int] = {}
-        for curve in curves:
-            group = curve.colour_group or curve.name
-            line = LINES[drawn.get(group, 0) % len(LINES)]
-            drawn[group] = drawn.get(group, 0) + 1
-            colour = palette(groups.index(group) % palette.N)
-            style = {"color": colour, "markersize": 4, "label": curve.name}
-            axes[0].plot(curve.seconds, curve.errors, line, **style)
-            if has_sizes:
-                axes[1].plot(curve.sizes, curve.errors, line, **style)
-        axes[0].set_ylabel(label)
-        for panel in axes:
-            panel.set_xscale("log")
-            if has_errors:
-                panel.set_yscale("log")
-            panel.grid(True, which="both", alpha=0.25)
-        axes[-1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    panels[-1, 0].set_xlabel("CPU time without compilation [s]")
-    if has_sizes:
-        panels[-1, 1].set_xlabel("h")
-        sizes = sorted({h for curves in rows.values() for curve in curves for h in curve.sizes})
-        if sizes and sizes[-1] < WIDE_RATIO * sizes[0]:
-            panels[-1, 1].set_xticks(sizes, [f"{h:.2g}" for h in sizes])
-            panels[-1, 1].xaxis.set_minor_formatter(NullFormatter())
-    if title:
-        figure.suptitle(title, fontsize=10)
-    path = Path(path)
-    with output_failures(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-    picture = io.BytesIO()
-    figure.savefig(picture, format=path.suffix[1:] or "png", dpi=RESOLUTION)
-    replace_file(path, picture.getvalue())
+    size = (PANEL_WIDTH * columns + 2.0, height)
+    with written_panels(path, size, len(rows), columns, sharex="col", sharey="row") as panels:
+        for (label, curves), axes in zip(rows.items(), panels, strict=True):
+            # Zero has no place on a logarithmic axis.
+            has_errors = are_errors and any(e > 0 for curve in curves for e in curve.errors)
+            groups = list(dict.fromkeys(curve.colour_group or curve.name for curve in curves))
+            palette = colormaps["tab10" if len(groups) <= MAX_TEN_COLOURS else "tab20"]
+            drawn: dict[str, int] = {}
+            for curve in curves:
+                group = curve.colour_group or curve.name
+                line = LINES[drawn.get(group, 0) % len(LINES)]
+                drawn[group] = drawn.get(group, 0) + 1
+                colour = palette(groups.index(group) % palette.N)
+                style = {"color": colour, "markersize": 4, "label": curve.name}
+                axes[0].plot(curve.seconds, curve.errors, line, **style)
+                if has_sizes:
+                    axes[1].plot(curve.sizes, curve.errors, line, **style)
+            axes[0].set_ylabel(label)
+            for panel in axes:
+                panel.set_xscale("log")
+                if has_errors:
+                    panel.set_yscale("log")
+                panel.grid(True, which="both", alpha=0.25)
+            axes[-1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        panels[-1, 0].set_xlabel("CPU time without compilation [s]")
+        if has_sizes:
+            panels[-1, 1].set_xlabel("h")
+            sizes = sorted({h for curves in rows.values() for curve in curves for h in curve.sizes})
+            if sizes and sizes[-1] < WIDE_RATIO * sizes[0]:
+                panels[-1, 1].set_xticks(sizes, [f"{h:.2g}" for h in sizes])
+                panels[-1, 1].xaxis.set_minor_formatter(NullFormatter())
+        if title:
+            panels[0, 0].figure.suptitle(title, fontsize=10)
 
 
 # Values of a case by name: numbers and words, which files keep as they are.
@@ -164,6 +152,10 @@ FAILURES: tuple[type[Exception], ...] = (StepFailure, NoEquilibrium)
 
 # Characters of a run's key in file names: collisions are improbable up to millions of runs.
 _KEY_LENGTH = 12
+
+# Ends of the names of a probe's numbers: of its extremes over a run, and of its last value.
+EXTREMES = (" smallest", " largest")
+LAST = " at the end"
 
 # Of files with several results.  A reader refuses those of another format.
 FORMAT = 2
@@ -347,7 +339,8 @@ def results_as_csv(results: Sequence[Result]) -> str:
     names: dict[str, None] = {}
     for result in results:
         names |= dict.fromkeys(result.values)
-    names |= dict.fromkeys([*number_names(results), "seconds", "failed", "folder"])
+    numbers = number_names([result.numbers for result in results])
+    names |= dict.fromkeys([*numbers, "seconds", "failed", "folder"])
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(safe_cells(names))
@@ -359,12 +352,27 @@ def results_as_csv(results: Sequence[Result]) -> str:
     return text.getvalue()
 
 
-def number_names(results: Sequence[Result]) -> list[str]:
-    """Names of the numbers of all results that are not lists, in the order in which they occur."""
+def number_names(runs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of the numbers of runs that are not lists, in the order in which they occur; extremes
+    come last, as pictures have room for the first numbers only."""
     names: dict[str, None] = {}
-    for result in results:
-        names |= {name: None for name, n in result.numbers.items() if not isinstance(n, list)}
-    return list(names)
+    for run in runs:
+        names |= {name: None for name, n in run.items() if not isinstance(n, list)}
+    return sorted(names, key=lambda name: name.endswith(EXTREMES))
+
+
+def shown_names(runs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of the numbers of runs for pictures and tables: without extremes that are the value at
+    the end in all runs."""
+
+    def is_repeated(name: str) -> bool:
+        for kind in EXTREMES:
+            if name.endswith(kind):
+                last = name.removesuffix(kind) + LAST
+                return all(run.get(name) == run.get(last) for run in runs)
+        return False
+
+    return [name for name in number_names(runs) if not is_repeated(name)]
 
 
 def markdown_table(rows: Iterable[Sequence[str]]) -> str:

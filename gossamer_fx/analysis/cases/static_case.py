@@ -96,9 +96,8 @@ class StaticCase:
             parameters: from which the scene was made, by name, see `Recording`.
 
         Returns:
-            Numbers by name: of each probe the value at the end, of each chamber the last pressure,
-                "frequency 1 [Hz]" and so on of the modes, and of each probe with several
-                equilibria the smallest and the largest value.
+            Numbers by name: of each probe the value at the end, the smallest and the largest one,
+                of each chamber the last pressure, and "frequency 1 [Hz]" and so on of the modes.
 
         Raises:
             InputError: what is wrong with the scene, the loads or the outputs, or a folder that
@@ -136,11 +135,5 @@ class StaticCase:
                 f"frequency {number} [Hz]": mode.frequency
                 for number, mode in enumerate(found, start=1)
             }
-            # A picture has room for the first numbers, and extremes come last.
-            extremes = {
-                name: numbers.pop(name)
-                for name in list(numbers)
-                if name.endswith((" smallest", " largest"))
-            }
-            numbers = numbers | frequencies | extremes
+            numbers |= frequencies
         return numbers

@@ -141,6 +141,7 @@ class ModalModel:
     def _refuse_unsupported(self) -> None:
         """Raise `InputError` for items by which vibrations are not those of (1)."""
         # Imported here, as scenes without it must not pay for it.
+        from gossamer_fx.mechanics.loads.internal_friction import InternalFriction
         from gossamer_fx.mechanics.loads.viscoelasticity import Viscoelasticity
 
         for item in self._system.unknowns.items:
@@ -154,6 +155,12 @@ class ModalModel:
                 not isinstance(item, Viscoelasticity),
                 f"{self._what}: '{name}' relaxes, so that the stiffness depends on the frequency; "
                 "leave it out of the scene, and give its loss_factor.",
+            )
+            check(
+                not isinstance(item, InternalFriction),
+                f"{self._what}: '{name}' sticks and slides, so that stiffness and loss depend on "
+                "the amplitude; leave it out of the scene, and give the loss_factor of its cycle, "
+                "or integrate in time.",
             )
 
     def _check_masses(self) -> None:

@@ -31,9 +31,10 @@ from gossamer_fx.analysis.vibration.modal_model import (
 )
 from gossamer_fx.analysis.vibration.natural_modes import Mode
 from gossamer_fx.core.checks.arguments import check_arguments, collective, not_negative
-from gossamer_fx.core.checks.errors import check, output_failures
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Vector
+from gossamer_fx.records.plot.written_panels import written_panels
 
 AT_REST = (0.0, 0.0, 0.0)
 
@@ -491,33 +492,25 @@ def _draw(
     phases: Mapping[str, Array] | None,
 ) -> None:
     """Write a PNG with a panel for each curve over the frequency, and one for its phase [°]."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     columns = 1 if phases is None else 2
     size = (_WIDTH, _PANEL_HEIGHT * len(curves))
-    figure = Figure(figsize=size, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(curves), columns, squeeze=False, sharex=True)
-    for row, (name, values) in enumerate(curves.items()):
-        axes = panels[row, 0]
-        axes.semilogy(frequencies, values, color="#0072B2")
-        title = f"{name}: amplitude"
-        if phases is None:
-            title = f"{name}: density, square of the unit per Hz"
-        axes.set_title(title, fontsize=9, loc="left")
-        if phases is not None:
-            panels[row, 1].plot(frequencies, phases[name], color="#D55E00")
-            panels[row, 1].set_title("phase [°]", fontsize=9, loc="left")
-            panels[row, 1].set_yticks([-180, -90, 0, 90, 180])
-    for axes in panels.ravel():
-        if frequencies.min() > 0 and frequencies.max() > 10 * frequencies.min():
-            axes.set_xscale("log")
-        axes.tick_params(labelsize=8)
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    for axes in panels[-1]:
-        axes.set_xlabel("frequency [Hz]", fontsize=8)
-    with output_failures(path):
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=120)
+    with written_panels(path, size, len(curves), columns, sharex=True) as panels:
+        for row, (name, values) in enumerate(curves.items()):
+            axes = panels[row, 0]
+            axes.semilogy(frequencies, values, color="#0072B2")
+            title = f"{name}: amplitude"
+            if phases is None:
+                title = f"{name}: density, square of the unit per Hz"
+            axes.set_title(title, fontsize=9, loc="left")
+            if phases is not None:
+                panels[row, 1].plot(frequencies, phases[name], color="#D55E00")
+                panels[row, 1].set_title("phase [°]", fontsize=9, loc="left")
+                panels[row, 1].set_yticks([-180, -90, 0, 90, 180])
+        for axes in panels.ravel():
+            if frequencies.min() > 0 and frequencies.max() > 10 * frequencies.min():
+                axes.set_xscale("log")
+            axes.tick_params(labelsize=8)
+            axes.grid(alpha=0.3)
+            axes.spines[["top", "right"]].set_visible(False)
+        for axes in panels[-1]:
+            axes.set_xlabel("frequency [Hz]", fontsize=8)

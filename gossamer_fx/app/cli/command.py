@@ -527,6 +527,7 @@ def _compute(
         NoEquilibrium: the equilibria before are written.
         OutputFailure: a file could not be written.
     """
+    from gossamer_fx.analysis.cases.results import shown_names
     from gossamer_fx.core.checks.errors import check
     from gossamer_fx.records.run.log import log_to
 
@@ -545,9 +546,8 @@ def _compute(
         result = case.equilibrium.result
         if result is not None:
             print(result.summary())
-        for name, value in numbers.items():
-            if not name.endswith((" smallest", " largest")):
-                print(f"  {name}: {value:.6g}")
+        for name in shown_names([numbers]):
+            print(f"  {name}: {numbers[name]:.6g}")
         name = shown(str(folder))
         print(f"written to {name}; look at it with: ./gossamer report {name}")
 

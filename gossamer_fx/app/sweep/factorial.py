@@ -22,11 +22,11 @@ from gossamer_fx.analysis.cases.case_set import CaseSet, run_cases
 from gossamer_fx.analysis.cases.results import (
     Outcome,
     Result,
-    number_names,
+    shown_names,
     value_text,
     values_text,
 )
-from gossamer_fx.app.sweep.run_lines import draw_lines
+from gossamer_fx.app.sweep.run_lines import covering, draw_lines
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
@@ -40,7 +40,6 @@ MAX_RUNS = 10_000
 # Panels of the picture; the table has all numbers.
 _MAX_PANELS = 12
 _MARGIN = 0.05  # of the axis, at both of its ends
-_ALIKE = 1e-6  # relative difference of numbers below which they are one in the picture
 # Errors of balances below this are round-off, of which no curve is drawn.
 _ROUND_OFF = 1e-12
 
@@ -194,11 +193,8 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     from gossamer_fx.records.plot.curve_panels import Curves, Panel
     from gossamer_fx.records.plot.page import write_page
 
-    names = [
-        name
-        for name in number_names(results)
-        if not (_is_round_off(name, results) or _is_repeated(name, results))
-    ]
+    names = shown_names([result.numbers for result in results])
+    names = [name for name in names if not _is_round_off(name, results)]
     shown = names[:_MAX_PANELS]
     if not shown:
         return
@@ -234,15 +230,6 @@ def _is_round_off(name: str, results: Sequence[Result]) -> bool:
     return name == "energy error" and max(sizes) < _ROUND_OFF
 
 
-def _is_repeated(name: str, results: Sequence[Result]) -> bool:
-    """Whether a number is an extreme over the run that is, in all runs, the value at the end."""
-    for kind in (" smallest", " largest"):
-        last = f"{name.removesuffix(kind)} at the end"
-        if name.endswith(kind) and last in number_names(results):
-            return all(one.numbers.get(name) == one.numbers.get(last) for one in results)
-    return False
-
-
 def _draw_panel(
     number: str,
     curves: Mapping[str, Sequence[tuple[float, Result]]],
@@ -259,32 +246,22 @@ def _draw_panel(
         wrapped,
     )
 
-    # Curves that cover each other are drawn once, and named together.
-    labels: dict[str, list[str]] = {}
-    colours: dict[str, str] = {}
-    drawn: list[tuple[str, Array, Array]] = []
-    for (label, runs), colour in zip(curves.items(), cycle(LINES), strict=False):
+    colours = dict(zip(curves, cycle(LINES), strict=False))
+    tables: dict[str, tuple[Array, Array]] = {}
+    for label, runs in curves.items():
         points = sorted((position, run.numbers.get(number, np.nan)) for position, run in runs)
         at_levels, numbers = np.array(points).T
-        for other, others_levels, others_numbers in drawn:
-            is_same_shape = np.array_equal(at_levels, others_levels)
-            if is_same_shape and np.allclose(numbers, others_numbers, rtol=_ALIKE, equal_nan=True):
-                labels[other].append(label)
-                break
-        else:
-            drawn.append((label, at_levels, numbers))
-            labels[label] = [label]
-            colours[label] = colour
+        tables[label] = (at_levels, numbers)
     ends: list[End] = []
-    for label, at_levels, numbers in drawn:
-        is_common = len(labels[label]) > 1
-        colour = INK if is_common else colours[label]
+    # Curves that cover each other are drawn once, and named together.
+    for group in covering(list(tables.values())):
+        labels = [list(tables)[index] for index in group]
+        at_levels, numbers = tables[labels[0]]
+        colour = colours[labels[0]] if len(labels) == 1 else INK
         axes.plot(at_levels, numbers, "o-", color=colour, markersize=4, linewidth=1.2)
         finite = numbers[np.isfinite(numbers)]
-        words = label
-        if is_common:
-            words = "all" if len(labels[label]) == len(curves) else "; ".join(labels[label])
-        if label and len(finite):
+        words = "all" if len(labels) == len(curves) > 1 else "; ".join(labels)
+        if words and len(finite):
             ends.append((words, float(finite[-1]), colour))
     if ticks:
         axes.set_xticks(list(ticks), list(ticks.values()))

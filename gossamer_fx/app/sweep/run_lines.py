@@ -198,8 +198,8 @@ def _draw_panel(name: str, lines: Sequence[_Line], key: _Key, factor: float, axe
     """
     title, scale = axis_of(name, [line.values for line in lines])
     ends: list[End] = []
-    groups = _covering(lines)
-    for group in groups:
+    for numbers in covering([(line.t, line.values) for line in lines]):
+        group = [lines[number] for number in numbers]
         line = group[0]
         colour = INK
         dash = "-"
@@ -220,39 +220,46 @@ def _draw_panel(name: str, lines: Sequence[_Line], key: _Key, factor: float, axe
         label_ends(axes, ends)
 
 
-def _covering(lines: Sequence[_Line]) -> list[list[_Line]]:
-    """Lines in groups that cover each other: each is compared with the first of a group.
+def covering(curves: Sequence[tuple[Array, Array]]) -> list[list[int]]:
+    """Numbers of the curves of a panel, in groups that cover each other: each curve is compared
+    with the first one of a group.
 
-    Groups are in the order of their first lines.
+    Args:
+        curves: positions on the axis (n,) and values (n,) of each; NaN are gaps.
+
+    Returns:
+        Groups in the order of their first curves.
     """
-    finite = np.concatenate([line.values[np.isfinite(line.values)] for line in lines])
-    # Where nothing varies but round-off, all lines are one.
-    range_ = max(float(np.ptp(finite)), 1e-9 * float(abs(finite).max(initial=0.0)))
-    groups: list[list[_Line]] = []
-    for line in lines:
+    finite = np.concatenate([values[np.isfinite(values)] for _, values in curves])
+    # Where nothing varies but round-off, all curves are one.
+    range_ = 0.0
+    if len(finite):
+        range_ = max(float(np.ptp(finite)), 1e-9 * float(abs(finite).max()))
+    groups: list[list[int]] = []
+    for number, curve in enumerate(curves):
         for group in groups:
-            if _is_covered(line, group[0], _LINE_WIDTH * range_):
-                group.append(line)
+            if _is_covered(*curve, *curves[group[0]], _LINE_WIDTH * range_):
+                group.append(number)
                 break
         else:
-            groups.append([line])
+            groups.append([number])
     return groups
 
 
-def _is_covered(line: _Line, other: _Line, width: float) -> bool:
-    """Whether a line deviates from another one by less than a width, over the same times."""
-    ends = abs(line.t[[0, -1]] - other.t[[0, -1]]).max()
-    if ends > _LINE_WIDTH * np.ptp(other.t):
+def _is_covered(t: Array, values: Array, others_t: Array, others: Array, width: float) -> bool:
+    """Whether a curve deviates from another one by less than a width, over the same times."""
+    ends = abs(t[[0, -1]] - others_t[[0, -1]]).max()
+    if ends > _LINE_WIDTH * np.ptp(others_t):
         return False
     # A path of equilibria may go back on its axis, where nothing can be interpolated.
-    if len(line.t) == len(other.t) and np.array_equal(line.t, other.t):
-        at_times = other.values
-    elif (np.diff(line.t) > 0).all() and (np.diff(other.t) > 0).all():
-        at_times = np.interp(line.t, other.t, other.values)
+    if len(t) == len(others_t) and np.array_equal(t, others_t):
+        at_times = others
+    elif (np.diff(t) > 0).all() and (np.diff(others_t) > 0).all():
+        at_times = np.interp(t, others_t, others)
     else:
         return False
-    differences = abs(line.values - at_times)
-    same_gaps = np.array_equal(np.isnan(line.values), np.isnan(at_times))
+    differences = abs(values - at_times)
+    same_gaps = np.array_equal(np.isnan(values), np.isnan(at_times))
     return same_gaps and bool(np.nanmax(differences, initial=0.0) <= width)
 
 

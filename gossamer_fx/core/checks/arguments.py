@@ -72,6 +72,12 @@ _DESCRIPTIONS = {
     "System": "the system of an Equilibrium or a Simulation, or scene.compile()",
     "Enclosure": "a Piston",
 }
+# What is said of a call, by the names of the callee and of the kind of its first argument, where
+# another callee takes that argument.
+_OTHER_CALLEES = {
+    ("Case", "Equilibrium"): "an Equilibrium is at rest and has neither a stepper nor an end; give "
+    "it to gossamer_fx.analysis.StaticCase instead",
+}
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 _CALLABLE: Any = Callable  # compared with the origin of an annotation
 _MAX_SHOWN = 40  # characters of a value in a message
@@ -196,6 +202,10 @@ def _checking(function: Callable[..., Any], owner: type | None = None) -> Callab
             name = type(args[0]).__name__
         elif next(iter(signature().parameters), "") == "self":
             name = f"{type(args[0]).__name__}.{name}"
+        # What is received, then the first argument by its place or its name.
+        first = next((type(one).__name__ for one in (*args[1:], *kwargs.values())), "")
+        if (name, first) in _OTHER_CALLEES:
+            raise InputError(f"{name}: {_OTHER_CALLEES[name, first]}.")
         try:
             bound = signature().bind(*args, **kwargs)
         except TypeError as error:
