@@ -33,6 +33,11 @@ def test_springs_and_ropes(comm):
         [(mass.port(), TOP), (mass.port(), BELOW)], stiffness=50.0, initial_tension=5.0
     )
     assert gx.probes.Tension(bundle)(at_rest(bundle, weight)) == pytest.approx(5.0, abs=0.01)
+    braked = gx.connectors.Tether(
+        mass.port(), TOP, stiffness=200.0, initial_tension=10.0, brake_force=20.0
+    )
+    held = at_rest(braked, spring, weight)
+    assert gx.probes.Tension(braked)(held) == pytest.approx(gx.probes.Tension(rope)(equilibrium))
 
 
 @pytest.mark.mpi(1)
@@ -78,6 +83,13 @@ def test_what_is_given_twice_or_not_at_all_is_refused(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), comm=comm)
     with pytest.raises(gx.InputError, match="length is None and initial_tension is None"):
         gx.connectors.Spring(mass.port(), TOP, stiffness=1.0)
+    reel = {"a": mass.port(), "b": TOP, "stiffness": 50.0, "brake_force": 10.0}
+    with pytest.raises(gx.InputError, match="length is 0.9 and initial_tension is 5.0; give one"):
+        gx.connectors.Tether(**reel, length=0.9, initial_tension=5.0)
+    with pytest.raises(gx.InputError, match="at which its brake slips; give 10 N or less"):
+        gx.connectors.Tether(**reel, initial_tension=10.5)
+    with pytest.raises(gx.InputError, match="total_length is 0.5 m; give 0.9 m or more"):
+        gx.Scene(gx.connectors.Tether(**reel, initial_tension=5.0, total_length=0.5)).compile()
     with pytest.raises(gx.InputError, match=r"initial_tension is 3.0; give one of them"):
         gx.connectors.Rope(mass.port(), TOP, stiffness=1.0, length=1.0, initial_tension=3.0)
     weak = gx.connectors.Spring(mass.port(), TOP, stiffness=1.0, initial_tension=3.0)

@@ -91,7 +91,7 @@ def test_values_and_a_path_exclude_each_other(comm):
 
 @pytest.mark.parametrize("more", [{}, {"modes": 2}, {"at": (1.0,), "until": 1.0}])
 def test_an_equilibrium_in_a_case_of_a_run_is_told_where_it_belongs(comm, more):
-    with pytest.raises(gx.InputError, match="give it to gossamer_fx.analysis.StaticCase"):
+    with pytest.raises(gx.InputError, match=r"give it to gossamer_fx\.analysis\.StaticCase"):
         gx.Case(stretched(comm).equilibrium, **more)
 
 

@@ -202,7 +202,7 @@ def _checking(function: Callable[..., Any], owner: type | None = None) -> Callab
             name = type(args[0]).__name__
         elif next(iter(signature().parameters), "") == "self":
             name = f"{type(args[0]).__name__}.{name}"
-        # What is received, then the first argument by its place or its name.
+        # After what is received comes the first argument, with its name or without.
         first = next((type(one).__name__ for one in (*args[1:], *kwargs.values())), "")
         if (name, first) in _OTHER_CALLEES:
             raise InputError(f"{name}: {_OTHER_CALLEES[name, first]}.")

@@ -17,9 +17,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import InputError, check, check_positive
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.laws.tracing import Number
@@ -33,6 +33,7 @@ from gossamer_fx.mechanics.connectors.spring import (
     Stiffness,
     half_distance_squared,
     length_of,
+    natural_length,
 )
 from gossamer_fx.mechanics.terms.rows import Response, Rows, one_sided_average, positive_part
 
@@ -101,13 +102,16 @@ class Tether(LineBetween):
         a, b: ports of bodies; one of them may be a `Ground`.
         stiffness: k [N/m] at every length, positive.
         length: L [m], a positive number with a `brake_force`, else a function of time [s].
+        initial_tension: of a braked rope in place of its length, the tension [N] in the shape in
+            which the scene starts, up to the brake force.
         brake_force: B [N], positive; None: no brake.
         total_length: [m] that a braked reel has in all; default: without end.
         name: name in messages and output.
 
     Raises:
-        InputError: a length that is not positive, a brake in addition to a function, a number
-            without a brake.
+        InputError: a length that is not positive, a brake or a tension in addition to a function,
+            a number without a brake, a tension beyond the brake force; when the scene is compiled:
+            a tension that needs a length below zero.
 
     Example:
         >>> reel = hub.port((0.0, 0.0, 0.1))
@@ -120,30 +124,47 @@ class Tether(LineBetween):
     """
 
     stiffness: Stiffness
-    length: float | Callable[[float], float]
+    length: float | Callable[[float], float] | None = None
+    initial_tension: Annotated[float, not_negative("N")] | None = None
     brake_force: float | None = None
     total_length: float = math.inf
     name: str = "tether"
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check(
+            (self.length is None) != (self.initial_tension is None),
+            f"Tether '{self.name}': length is {self.length} and initial_tension is "
+            f"{self.initial_tension}; give one of them.",
+        )
         if callable(self.length):
             check(
                 self.brake_force is None,
                 f"Tether '{self.name}': its length is given as a function; leave the brake out.",
             )
             return
-        check_positive(self, "length", "m")
         check(
             self.brake_force is not None,
-            f"Tether '{self.name}': its length is a number; give a brake, or a function of time, "
-            "or take a Rope.",
+            f"Tether '{self.name}': its length does not follow a function of time; give a brake, "
+            "or a function, or take a Rope.",
         )
         check_positive(self, "brake_force", "N")
+        assert self.brake_force is not None
         check(
-            self.total_length >= self.length,
+            self.initial_tension is None or self.initial_tension <= self.brake_force,
+            f"Tether '{self.name}': initial_tension is {self.initial_tension} N, at which its brake"
+            f" slips; give {self.brake_force:g} N or less.",
+        )
+        if self.length is not None:
+            check_positive(self, "length", "m")
+            self._check_reel(self.length)
+
+    def _check_reel(self, length: float) -> None:
+        """Raise `InputError` unless a reel has the length [m] that is out at the start."""
+        check(
+            self.total_length >= length,
             f"Tether '{self.name}': total_length is {self.total_length!r} m; "
-            f"give {self.length:g} m or more.",
+            f"give {length:g} m or more.",
         )
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -152,6 +173,17 @@ class Tether(LineBetween):
         if not callable(given):
             # `__post_init__` refuses a number without a brake.
             assert self.brake_force is not None
+            if given is None:
+                assert self.initial_tension is not None
+                given = natural_length(
+                    f"Tether '{self.name}'",
+                    self.a,
+                    self.b,
+                    stiffness=self.stiffness,
+                    tension=self.initial_tension,
+                    start=start,
+                )
+                self._check_reel(given)
             yield Rows(
                 self.name,
                 measure,
