@@ -7,10 +7,9 @@ rad/s with an out-of-plane velocity sin πx sin πy m/s.  Without load or dampin
 
 stay as they are at the start while every cell switches between taut, wrinkled and slack.
 
-The film flutters faster than the steps resolve.  The picture has states of means over the steps:
-in the last 0.2 s 56 % of the film is slack and 1 % taut.  At the ends of the steps 25 % is slack
-and 5 % taut.  So these shares are not determined by such steps, and the balances do not depend on
-them.
+The film flutters faster than the steps resolve.  The picture has the states of means over steps:
+in the last 0.2 s 56 % of the film is slack and 1 % taut, and 55 and 1 % with half of the step.  At
+the ends of steps 25 % is slack and 5 % taut, and 33 and 4 % with half of the step.
 
     ./gossamer demo spinning_sheet
     ./gossamer run demos/films/spinning_sheet.py n=30 until=0.2 --output out/sheet
