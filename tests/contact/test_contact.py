@@ -38,7 +38,7 @@ def test_two_films_collide(comm, law):
     assert run.substeps == 0
 
 
-def test_films_of_order_two_touch_by_linear_pieces():
+def test_films_of_order_two_touch_each_other():
     comm = MPI.COMM_SELF
     lower = film(comm, 2, order=2, name="lower")
     upper = film(comm, 2, height=2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, order=2, name="upper")

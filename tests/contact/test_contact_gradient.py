@@ -17,13 +17,14 @@ STEP = 2e-5
 RUBS = {"friction": 0.4, "slip_velocity": 0.05}
 
 
-def two_films(upwards=SPEED, density=DENSITY, shift=0.0, **contact):
+def two_films(upwards=SPEED, density=DENSITY, shift=0.0, order=1, **contact):
     """The lower film rises to the upper one, which is lighter, inclined and turned; a run that ends
     while they touch, and the height of a corner."""
     lower = gx.Membrane(
         sheet(MPI.COMM_SELF, 2, 2, 0.1, 0.1),
         gx.Linear(**FILM, density=density),
         velocity=lambda X: np.vstack([0.5 + 0 * X[0], 3 * X[0], upwards - 40 * X[0]]),
+        order=order,
         name="lower",
     )
     upper = gx.Membrane(
@@ -54,8 +55,8 @@ def by_difference(given, name, value, change) -> float:
 
 @pytest.mark.parametrize(
     "contact",
-    [{"stiffness": 2e7}, {"stiffness": 2e7, **RUBS}, {}, RUBS],
-    ids=["given", "given with friction", "chosen", "chosen with friction"],
+    [{"stiffness": 2e7}, {"stiffness": 2e7, **RUBS}, {}, RUBS, {"order": 2, **RUBS}],
+    ids=["given", "given with friction", "chosen", "chosen with friction", "of order 2"],
 )
 def test_gradients_through_contact_are_those_of_differences(contact):
     run, result = two_films(**contact)

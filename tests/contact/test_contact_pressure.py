@@ -68,6 +68,12 @@ def test_a_uniform_load_has_a_uniform_pressure(comm, order) -> None:
     assert values == pytest.approx(np.full(len(values), 500.0 * SIGMA), rel=1e-5)
     area = gx.probes.ContactArea(contact, body)
     assert area(equilibrium) == pytest.approx(0.01, rel=1e-12)
+    # The load does not bend the film: contact carries it where it acts.
+    z = equilibrium.system.unknowns.state[body].function().x.array[2::3]
+    lowest = comm.allreduce(float(z.min()), op=MPI.MIN)
+    highest = comm.allreduce(float(z.max()), op=MPI.MAX)
+    assert lowest > 4e-4
+    assert highest - lowest < 1e-9
 
 
 @pytest.mark.mpi

@@ -321,12 +321,3 @@ def test_order_2_on_plane_cells_of_a_curved_surface_is_told(order, film_order, i
 def test_order_2_on_a_plane_mesh_is_not_told():
     film = gx.Membrane(airbag(WORLD, 1.0, 4), LINEAR, order=2)
     assert not any("cut off what the surface bulges" in words for words in warnings([film]))
-
-
-def test_contact_of_a_film_of_order_2_is_told(comm):
-    floor = gx.contact.Plane(point=(0.0, 0.0, -1e-3), normal=(0.0, 0.0, 1.0))
-    for order in (1, 2):
-        film = gx.Membrane(sheet(comm, 2, 2), LINEAR, order=order)
-        touching = gx.Contact(film, floor, distance=2e-3)
-        told = any("is of order 2, whose cells touch" in words for words in warnings([touching]))
-        assert told == (order == 2)

@@ -5,9 +5,11 @@ on the diagonal go into the matrix of the system, whose pattern stays that of a 
 contact. Blocks between two block rows make a separate matrix, which is built in every iteration of
 those that are not zero, and multiplied in addition to the other.
 
-A *block row* is a vector of three unknowns (`geometry.contact_points`).  A *block index* is the row
-of a block in the array of all blocks of a step.  `BlockAssembly.couple` makes the pattern of a
-step, which does not change; its methods take the blocks.
+Pairs couple *block rows*, the points that they move; the system has *node rows*
+(`geometry.contact_points`).  These are the same, except for points of cells of order 2, which are
+sums of nodes.  A *block index* is the row of a block in the array of all blocks of a step.
+`BlockAssembly.couple` makes the pattern of a step, which does not change; its methods take the
+blocks.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
@@ -28,6 +31,7 @@ from gossamer_fx.mechanics.contact.contract import (
     ByteArray,
     Int32Array,
     Int64Array,
+    MaskArray,
 )
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import library
@@ -126,12 +130,18 @@ class BlockAssembly:
                 f"Contact: {sum(counts)} pairs on a rank are too many; use more ranks."
             )
         members = [np.zeros(0, dtype=np.int32), *(group.ravel() for group in groups)]
-        block_index, rows, columns = _number_blocks(
+        block_index, block_rows, block_columns = _number_blocks(
             group_size=np.repeat(np.array(widths, dtype=np.int32), np.array(counts, dtype=int)),
             members=np.concatenate(members).astype(np.int32),
             room=sum(sizes),
-            row_count=len(first_dof),
+            row_count=self._points.block_row_count,
         )
+        transfer = None
+        rows = block_rows.astype(np.int64)
+        columns = block_columns.astype(np.int64)
+        in_matrix: MaskArray = rows == columns
+        if self._points.shape is not None:
+            transfer, rows, columns, in_matrix = _between_nodes(self._points.shape, rows, columns)
         ends = np.cumsum(sizes)
         index = [
             block_index[end - size : end].reshape(count, width**2)
@@ -140,9 +150,9 @@ class BlockAssembly:
         # Block rows in the order of their unknowns, and the position of each in this order.
         order = np.argsort(first_dof)
         position = np.argsort(order)
-        diagonal = (rows == columns).nonzero()[0]
-        diagonal = diagonal[np.argsort(position[rows[diagonal]])]
-        coupling = (rows != columns).nonzero()[0]
+        diagonal = in_matrix.nonzero()[0]
+        diagonal = diagonal[np.lexsort((position[columns[diagonal]], position[rows[diagonal]]))]
+        coupling = (~in_matrix).nonzero()[0]
         couplings: OwnCouplings | SharedCouplings
         if self._system.comm.size > 1:
             owner = np.searchsorted(self._ends, first_dof, side="right")
@@ -177,10 +187,11 @@ class BlockAssembly:
         return TangentPattern(
             system=self._system,
             has_node_blocks=has_node_blocks,
-            count=len(rows),
+            count=len(block_rows),
             index=index,
+            transfer=transfer,
             diagonal=diagonal,
-            diagonal_rows=_csr(rows[diagonal], rows[diagonal], first_dof, has_node_blocks),
+            diagonal_rows=_csr(rows[diagonal], columns[diagonal], first_dof, has_node_blocks),
             couplings=couplings,
             fixed=couplings.index[fixed],
             free_entries=free_entries.reshape(-1, 9),
@@ -188,7 +199,7 @@ class BlockAssembly:
 
     def reserve_diagonal(self, A: PETSc.Mat) -> None:
         """Enter zeros, so that the pattern of a matrix holds the blocks on the diagonal of all
-        points."""
+        node rows.  Those between nodes of one cell are in the pattern of its film."""
         first_dof = self._points.first_dof
         order = np.argsort(first_dof)
         has_node_blocks = self._system.numbering.block_size == 3
@@ -201,8 +212,8 @@ class OwnCouplings:
     """Where the k blocks off the diagonal belong on the only rank, sorted by row, then by column.
 
     Attributes:
-        rows, columns: block rows of each block (k,).
-        first_dof: first unknown of each block row.
+        rows, columns: node rows of each block (k,).
+        first_dof: first unknown of each node row.
         index: of each block (k,), in the array that `sums` returns.
     """
 
@@ -217,18 +228,18 @@ class OwnCouplings:
         return blocks
 
     def values_at(self, q: PETSc.Vec) -> Array:
-        """Return the entries (v, 3) of a vector of the system at all block rows."""
-        return self.points.of_block_rows(q)
+        """Return the entries (u, 3) of a vector of the system at all node rows."""
+        return self.points.of_node_rows(q)
 
 
 @dataclass(frozen=True, eq=False)
 class SharedCouplings:
-    """Where the k blocks off the diagonal belong that all ranks add to the block rows of this one,
+    """Where the k blocks off the diagonal belong that all ranks add to the node rows of this one,
     sorted by row, then by column.
 
     Attributes:
-        rows, columns: block rows of each block (k,), numbered by `first_dof`.
-        first_dof: first unknown of each block row that this rank's blocks need.
+        rows, columns: node rows of each block (k,), numbered by `first_dof`.
+        first_dof: first unknown of each node row that this rank's blocks need.
         index: of each block (k,), in the array that `sums` returns.
         sent: indices of this rank's blocks, in the order in which their owners get them.
         received: number (r,) of each block that this rank gets.
@@ -253,11 +264,11 @@ class SharedCouplings:
         column_dofs: Int64Array,
         system: Assembly,
     ) -> SharedCouplings:
-        """Report to the owners of block rows which blocks they get; collective.  `sent`: indices
+        """Report to the owners of node rows which blocks they get; collective.  `sent`: indices
         (s,) of these blocks; `owners`: ranks (s,); `row_dofs`, `column_dofs`: first unknowns (s,)
-        of their block rows and columns."""
+        of their node rows and columns."""
         exchange = RankExchange(system.comm, owners)
-        # Ranks have different numbers for the same block row, and the same for its first unknown.
+        # Ranks have different numbers for the same node row, and the same for its first unknown.
         of_all_ranks = np.concatenate([exchange.send(row_dofs), exchange.send(column_dofs)])
         first_dof, index_of_dof = np.unique(of_all_ranks, return_inverse=True)
         row, column = np.split(index_of_dof.ravel(), 2)
@@ -283,7 +294,7 @@ class SharedCouplings:
         return sums
 
     def values_at(self, q: PETSc.Vec) -> Array:
-        """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
+        """Return the entries (u, 3) of a vector of the system at all node rows; collective."""
         return self.gather(q)[0]
 
 
@@ -296,9 +307,11 @@ class TangentPattern:
             of 3 x 3.
         count: b, the number of blocks of this rank's pairs.
         index: of each two block rows of each pair (n, w w), for each group of pairs.
-        diagonal, diagonal_rows: indices of the blocks on the diagonal, and where they are in the
-            matrix of the system.
-        couplings: the blocks off the diagonal.
+        transfer: weights (k, b) of the blocks between block rows in those between node rows; None:
+            they are the same.
+        diagonal, diagonal_rows: indices of the blocks in the matrix of the system, those on its
+            diagonal or between nodes of a cell of order 2, and where they are in it.
+        couplings: the other blocks.
         fixed, free_entries: indices (f,) of couplings with fixed coordinates, and 1 for each of
             their entries (f, 9) that is between two that are not, else 0.
     """
@@ -307,14 +320,19 @@ class TangentPattern:
     has_node_blocks: bool
     count: int
     index: Sequence[Int32Array]
+    transfer: csr_matrix | None
     diagonal: np.ndarray
     diagonal_rows: SparseRows
     couplings: OwnCouplings | SharedCouplings
     fixed: Int32Array
     free_entries: Array
 
+    def between_nodes(self, blocks: Array) -> Array:
+        """Return the blocks (k, 9) between node rows from those (b, 9) between block rows."""
+        return blocks if self.transfer is None else np.asarray(self.transfer @ blocks)
+
     def add_diagonal(self, A: PETSc.Mat, blocks: Array) -> None:
-        """Add those of blocks (b, 9) that are on the diagonal to a matrix."""
+        """Add those of blocks (k, 9) between node rows that are in the matrix of the system."""
         _enter(A, self.diagonal_rows, blocks[self.diagonal], self.has_node_blocks)
 
     @cached_property
@@ -324,9 +342,9 @@ class TangentPattern:
         return library().array("index", index, "int32", index.shape)
 
     def entries(self, blocks: Array) -> CouplingEntries:
-        """Sum those of blocks (b, 9) that are off the diagonal in this rank's block rows;
-        collective.  Blocks that are zero are left out.  Entries of fixed coordinates are set to
-        zero, also in `blocks`."""
+        """Sum those of blocks (k, 9) that are couplings in this rank's node rows; collective.
+        Blocks that are zero are left out.  Entries of fixed coordinates are set to zero, also in
+        `blocks`."""
         sums = self.couplings.sums(blocks)
         # In place: a copy of all blocks would take longer than what follows.
         sums[self.fixed] *= self.free_entries
@@ -431,6 +449,37 @@ def _number_blocks(
     )
     count = c.lib.number_blocks(groups.pointer, pattern.pointer)
     return block_index, rows[:count], columns[:count]
+
+
+def _between_nodes(
+    shape: csr_matrix, rows: Int64Array, columns: Int64Array
+) -> tuple[csr_matrix, Int64Array, Int64Array, MaskArray]:
+    """Express b blocks between block rows by k blocks between node rows: Sᵀ K S, for the shape
+    functions S (v, u).  `rows, columns`: block rows (b,) of the blocks.
+
+    Returns the weights (k, b) of the given blocks in the new ones; node rows (k,) and columns (k,)
+    of these; and which of them (k,) are of one point, between nodes of one cell.
+    """
+    node_count = np.diff(shape.indptr)
+    row_nodes = node_count[rows]
+    column_nodes = node_count[columns]
+    of_block = row_nodes * column_nodes
+    if of_block.sum() > MAX_BLOCKS:
+        raise RuntimeError(f"Contact: {len(rows)} blocks on a rank are too many; use more ranks.")
+    # Every node of a row with every node of a column.
+    block = np.repeat(np.arange(len(rows)), of_block)
+    number = np.arange(len(block)) - np.repeat(np.cumsum(of_block) - of_block, of_block)
+    row_number, column_number = np.divmod(number, column_nodes[block])
+    row_entry = shape.indptr[rows[block]] + row_number
+    column_entry = shape.indptr[columns[block]] + column_number
+    keys = shape.indices[row_entry].astype(np.int64) * shape.shape[1] + shape.indices[column_entry]
+    distinct, target = np.unique(keys, return_inverse=True)
+    weights = shape.data[row_entry] * shape.data[column_entry]
+    transfer = csr_matrix((weights, (target, block)), shape=(len(distinct), len(rows)))
+    is_in_cell = np.zeros(len(distinct), dtype=bool)
+    is_in_cell[target[(rows == columns)[block]]] = True
+    node_rows, node_columns = np.divmod(distinct, shape.shape[1])
+    return transfer, node_rows, node_columns, is_in_cell
 
 
 def _enter(A: PETSc.Mat, pattern: SparseRows, blocks: Array, has_node_blocks: bool) -> None:

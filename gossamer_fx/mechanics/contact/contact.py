@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -27,7 +27,10 @@ from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.contact_step import ContactLaw
 from gossamer_fx.mechanics.contact.contract import Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.mechanics.contact.geometry.curved_cells import has_middle_nodes
+from gossamer_fx.mechanics.contact.geometry.curved_cells import (
+    least_piece_count,
+    piece_count,
+)
 from gossamer_fx.mechanics.contact.geometry.facets import TRIANGLE_SIDES, facets_of
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.terms.assembly import (
@@ -82,7 +85,9 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         own_coefficients = [obstacle.friction for obstacle in item.obstacles]
         of_obstacles = [item.friction if own is None else own for own in own_coefficients]
         has_friction = [coefficient > 0 for coefficient in of_obstacles]
-        mesh = CollisionMesh(item.bodies, item.obstacles, item.radii, system, has_friction)
+        mesh = CollisionMesh(
+            item.bodies, item.obstacles, item.radii, item.piece_counts, system, has_friction
+        )
         friction = None
         # An equilibrium has no sliding, and no friction.
         if (item.friction > 0 or any(of_obstacles)) and not system.rule.is_static:
@@ -344,18 +349,11 @@ class Contact(Item):
         self.obstacles = [body for body in bodies if isinstance(body, Obstacle)]
         check(bool(self.bodies), f"Contact '{name}' has no film, cable or beam; give at least one.")
         self.radii = self._radii(radius or {})
-
-    def warnings(self, items: Iterable[Any]) -> Iterator[str]:
-        """A warning for each film of order 2, whose curved surface may be inside of an obstacle."""
-        for body in self.bodies:
-            is_film = body.space.mesh.topology.dim == 2
-            if is_film and has_middle_nodes(body) and not getattr(body, "bends", False):
-                yield (
-                    f"Contact '{self.name}': '{body.name}' is of order 2, whose cells touch as "
-                    "four plane pieces each: its curved surface may be inside of what it touches, "
-                    "by the height of the curve over a piece, which gx.probes.ContactGap takes "
-                    "off; make it of order 1, or its cells smaller, where clearance counts."
-                )
+        # Cells of order 2 are cut into flat pieces, as many as curvature asks for and as have room.
+        self.piece_counts = [
+            piece_count(body, distance, longest=(distance + 2 * body_radius) / MAX_REACH)
+            for body, body_radius in zip(self.bodies, self.radii, strict=True)
+        ]
 
     def _check_bodies(self, bodies: tuple[Any, ...]) -> None:
         """Raise `InputError` for what has no surface, and for what is given twice."""
@@ -399,7 +397,8 @@ class Contact(Item):
             f"radius={{'{body.name}': ...}}.",
         )
         # Every rank knows its own facets.
-        facets = facets_of(body)
+        # Those of order 2 are cut into pieces.
+        facets = facets_of(body, least_piece_count(body))
         ends = facets.lines if is_line else facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2)
         lengths = np.linalg.norm(facets.X[ends[:, 0]] - facets.X[ends[:, 1]], axis=1)
         shortest = float(body.comm.allreduce(lengths.min(initial=np.inf), op=MPI.MIN))

@@ -34,21 +34,23 @@ class PressedNodes:
 def pressed_nodes(body: MeshBody, contact_set: ContactSet) -> PressedNodes:
     """Return the contact pressure on the nodes of a body; collective.
 
-    The force on the nodes of a cell of order 2 is that of its shape functions: of a uniform
-    pressure, vertices carry none and middle nodes all of it.  The hat function of a vertex is the
-    sum of its shape function and half of those of the middle nodes next to it, so that forces and
-    areas of these are divided between the ends of their edges.  The pressure is then that of cells
-    of order 1, and linear along the edges.
+    The nodes of a cell of order 2 carry the forces on its points by their shape functions: of a
+    uniform pressure, vertices carry none and middle nodes all of it.  The hat function of a vertex
+    is the sum of its shape function and half of those of the middle nodes next to it, so that
+    forces and areas of these are divided between the ends of their edges.  The pressure is then
+    that of cells of order 1, linear along the edges, and its integral is the force.
     """
-    of_body = nodes_of(body, contact_set)
-    nodes = contact_set.mesh.nodes[of_body]
+    of_body = points_of(body, contact_set)
+    points = contact_set.mesh.known.points
     force = forces_on_points(contact_set)[of_body]
     area = contact_set.mesh.area[of_body]
     if not has_middle_nodes(body):
-        return PressedNodes(nodes, force / area, area)
+        return PressedNodes(points.nodes[of_body, 0], force / area, area)
+    nodes = points.nodes[of_body[points.is_node[of_body]], 0]
     halves = _Halves(body, nodes)
-    force_at_ends = halves.to_ends(force)
-    area_at_ends = halves.to_ends(area)
+    carriers = (points.nodes[of_body], points.weights[of_body])
+    force_at_ends = halves.to_ends(halves.carried(force, *carriers))
+    area_at_ends = halves.to_ends(halves.carried(area, *carriers))
     has_area = area_at_ends > 0
     pressure = np.zeros(len(nodes))
     pressure[has_area] = force_at_ends[has_area] / area_at_ends[has_area]
@@ -99,10 +101,19 @@ class _Halves:
         self._sum_over_ranks(vector)
         return vector
 
-    def to_ends(self, values: Array) -> Array:
-        """Return values (k,) of which half of each middle node's is added to each end of its edge,
-        and zero at middle nodes; collective."""
-        given = self._spread(values)
+    def carried(self, values: Array, nodes: Int64Array, weights: Array) -> la.Vector:
+        """Return what all nodes that this rank knows carry of the values (p,) of its points;
+        collective.  `nodes, weights`: of the shape functions of each point (p, w)."""
+        carried = self._zeros()
+        # The rank that has a point has its cell.
+        local = self._index_map.global_to_local(nodes.ravel())
+        np.add.at(carried.array, local, (weights * values[:, None]).ravel())
+        self._sum_over_ranks(carried)
+        return carried
+
+    def to_ends(self, given: la.Vector) -> Array:
+        """Return the values (k,) of nodes, of which half of each middle node's is added to each end
+        of its edge, and zero at middle nodes; collective.  `given`: of all nodes."""
         added = self._zeros()
         halves = given.array[self._middle] / (2 * self._cells_of_edge)
         np.add.at(added.array, self._ends, halves[:, None])
@@ -126,9 +137,9 @@ class _Halves:
         return np.asarray((given.array + means.array)[self._local])
 
 
-def nodes_of(body: Body, contact_set: ContactSet) -> Int64Array:
-    """Points (k,) of a contact that are nodes of a body and belong to this rank; none if the
-    contact does not have the body."""
+def points_of(body: Body, contact_set: ContactSet) -> Int64Array:
+    """Points (k,) of a contact that are on a body and belong to this rank; none if the contact does
+    not have the body."""
     mesh = contact_set.mesh
     numbers = [k for k, other in enumerate(mesh.bodies) if other is body]
     is_of_body = np.isin(mesh.body[: mesh.points.body_count], numbers)

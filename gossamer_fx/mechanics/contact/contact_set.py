@@ -16,6 +16,7 @@ are collective.
 
 from __future__ import annotations
 
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -55,9 +56,10 @@ from gossamer_fx.mechanics.contact.contact_step import (
     energy_of_pairs,
     groups_of,
 )
-from gossamer_fx.mechanics.contact.contract import Array, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, Int32Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
+from gossamer_fx.mechanics.contact.geometry.curved_cells import ALLOWED_DISTANCE
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import KEPT_GAP, LargeTurns
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
@@ -79,6 +81,8 @@ from gossamer_fx.mechanics.terms.assembly import Assembly, CouplingBlocks
 if TYPE_CHECKING:
     # A scene without friction does not load it.
     from gossamer_fx.mechanics.contact.friction.friction import Friction
+
+LOG = logging.getLogger("gossamer_fx")
 
 # Way of a node in one Newton update, over the activation distance, at most.  Longer updates put
 # layers on the wrong side of others, and the iteration does not come back.
@@ -279,6 +283,7 @@ class ContactSet:
         # complete.
         self._selection: Selection | None = None
         self._closest = math.inf
+        self._curvature_is_told = False
         self._turns = LargeTurns(mesh, activation_distance, system)
         # Energy [J] of the accepted state, with `history.restored` of the time at which it was
         # computed: another number means that it is not that of the present history.
@@ -344,9 +349,31 @@ class ContactSet:
             self._energy, scaled = energy_of_pairs(pairs, self.accepted.x, self.law, parameters)
             has_energy = scaled < 1
             history.keep(pairs.identifier[has_energy], pairs.stiffness[has_energy])
+            self._check_curvature(pairs.points[has_energy])
         present, accepted = self._rules.commit(step)
         self.accepted = replace(self.accepted, step=accepted, version=history.restored)
         self._begin(present)
+
+    def _check_curvature(self, points: Int32Array) -> None:
+        """Warn once if a curved surface of order 2 is too far from the flat pieces as which it
+        touches; collective.  `points`: of the pairs (n, 4) that have energy."""
+        if self._curvature_is_told or max(self.mesh.piece_counts) == 1:
+            return
+        distances = self.mesh.distances_from_pieces(self.accepted.x)[points]
+        farthest = self.mesh.comm.allreduce(float(distances.max(initial=0.0)), op=MPI.MAX)
+        if farthest <= ALLOWED_DISTANCE * self.activation_distance:
+            return
+        self._curvature_is_told = True
+        if self.mesh.comm.rank == 0:
+            LOG.warning(
+                "Contact between %s: where it presses, a curved surface of order 2 is up to %.2g m "
+                "from the flat pieces as which it touches, more than a quarter of the distance of "
+                "%.2g m, and may be inside of what it touches by as much; give smaller cells, or a "
+                "larger distance.",
+                ", ".join(f"'{name}'" for name in self.mesh.names),
+                farthest,
+                self.activation_distance,
+            )
 
     def _take_state(self, time: float) -> Array:
         """Take q0 as the accepted state at a time [s]; return its points (m, 3) [m].

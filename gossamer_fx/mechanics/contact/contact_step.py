@@ -567,7 +567,7 @@ class StepTangent:
 
     Attributes:
         pattern: of the 3 x 3 blocks.
-        blocks: sums (b, 9) [N/m] over the pairs of this rank.
+        blocks: sums (k, 9) [N/m] over the pairs of this rank, between node rows.
         of_groups: what the groups want to know at the next iterate.
     """
 
@@ -577,8 +577,7 @@ class StepTangent:
 
     @cached_property
     def entries(self) -> CouplingEntries:
-        """The blocks off the diagonal in this rank's block rows; collective when first asked
-        for."""
+        """The couplings in this rank's node rows; collective when first asked for."""
         return self.pattern.entries(self.blocks)
 
 
@@ -628,7 +627,7 @@ class ContactStep:
             group.add_tangents(forces.x1, state, geometric_share, PairBlocks(index, values), known)
             for group, state, index, known in parts
         ]
-        return StepTangent(self.pattern, values, of_groups)
+        return StepTangent(self.pattern, self.pattern.between_nodes(values), of_groups)
 
     def loss(self, x1: Array) -> float:
         """Return the energy [J] that friction dissipates in the step to x1, this rank's share."""

@@ -17,7 +17,7 @@ from gossamer_fx.mechanics.contact.contact import CompiledContact, Contact
 from gossamer_fx.mechanics.contact.contact_pressure import PressedNodes, pressed_nodes
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.mechanics.contact.geometry.curved_cells import distances_from_pieces
+from gossamer_fx.mechanics.contact.geometry.curved_cells import least_piece_count
 from gossamer_fx.mechanics.contact.kernels.library import HEADER
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
@@ -39,9 +39,9 @@ def contact_set_of(contact: Contact, run: Any) -> ContactSet:
 class ContactGap:
     """Least gap [m] between parts of a contact that are not connected: distance less the radii.
 
-    Bodies of order 2 touch as straight pieces between their nodes.  The gap is that of the pieces,
-    less a bound for the height of the curved cells over them: what it says is free is free, and
-    where it is negative, a curved cell may be inside of what it touches.
+    Bodies of order 2 touch as flat pieces between points of their cells.  The gap is that of the
+    pieces, less a bound for the height of the curved cells over them: what it says is free is free,
+    and where it is negative, a curved cell may be inside of what it touches.
 
     Infinite if nothing was within reach of the last search.  A table refuses that, which ends the
     run: record the inverse.
@@ -66,7 +66,7 @@ class ContactGap:
         # At the accepted state: the pairs' distances of the last iterate may belong to another
         # one.
         pairs = contact_set.candidates
-        height = distances_from_pieces(contact_set.mesh, x)[pairs.points]
+        height = contact_set.mesh.distances_from_pieces(x)[pairs.points]
         # A point and a triangle are (0, 123), two edges (01, 23), a point and an obstacle (0, 123).
         height_of_first = height[:, :2].max(axis=1, initial=0.0)
         height_of_second = height[:, 1:].max(axis=1, initial=0.0)
@@ -269,7 +269,13 @@ class Crossings:
             )
         self.bodies = bodies
         self._mesh = ForSystem(
-            lambda system: CollisionMesh(bodies, [], [0.0] * len(bodies), system.unknowns)
+            lambda system: CollisionMesh(
+                bodies,
+                [],
+                radii=[0.0] * len(bodies),
+                piece_counts=[least_piece_count(film) for film in bodies],
+                system=system.unknowns,
+            )
         )
 
     def __call__(self, run: StateView) -> float:

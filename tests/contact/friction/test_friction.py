@@ -29,8 +29,9 @@ FLOOR = {"point": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0)}
 
 
 # Two triangles, which stay flat and slide as one piece.
-def patch(velocity: float, height: float = 2e-5):
-    return film(MPI.COMM_SELF, 1, velocity=(velocity, 0.0, 0.0), height=height, name="patch")
+def patch(velocity: float, height: float = 2e-5, order: int = 1):
+    start = (velocity, 0.0, 0.0)
+    return film(MPI.COMM_SELF, 1, velocity=start, height=height, order=order, name="patch")
 
 
 def speeds(body, items, until: float, dt: float = 5e-4):
@@ -50,11 +51,12 @@ def pressed(body, p: float, ramp: float = 0.01) -> gx.Pressure:
     return gx.Pressure(body, at)
 
 
-def test_a_film_slides_down_a_slope() -> None:
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_film_slides_down_a_slope(order) -> None:
     slope = math.radians(30)
     μ = 0.3
     g = 9.80665
-    body = patch(0.0, 1e-4)
+    body = patch(0.0, 1e-4, order)
     down = gx.Gravity(body, (g * math.sin(slope), 0.0, -g * math.cos(slope)))
     floor = gx.contact.Plane(**FLOOR, friction=μ)
     v, run = speeds(body, [gx.Contact(body, floor, distance=2e-4, stiffness=1e9), down], 0.03)
@@ -110,8 +112,10 @@ def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
 
 
 @pytest.mark.mpi
-def test_films_that_rub_keep_momentum_and_angular_momentum(comm) -> None:
-    lower, upper = two_films(comm, height=1.2e-3, velocity=(1.0, 0.4, -2.0))
+@pytest.mark.parametrize("order", [1, 2])
+def test_films_that_rub_keep_momentum_and_angular_momentum(comm, order) -> None:
+    options = {"order": order, "n": 6 - 2 * order}
+    lower, upper = two_films(comm, height=1.2e-3, velocity=(1.0, 0.4, -2.0), **options)
     run = simulate([gx.Contact(lower, upper, distance=1e-3, friction=0.3)], 1.6e-3)
     # It must have rubbed.
     assert run.totals.dissipated > 1e-5

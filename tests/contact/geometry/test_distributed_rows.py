@@ -69,7 +69,12 @@ def test_a_point_has_one_value_on_all_ranks_that_know_it(comm):
     number = every[(owner == comm.rank) | (rng.uniform(size=12) < 0.7)]
     nothing = np.zeros(len(number), dtype=np.int64)
     points = SurfacePoints(
-        number=number, owner=owner[number], body=nothing, node=number, area=np.ones(len(number))
+        number=number,
+        owner=owner[number],
+        body=nothing,
+        nodes=number[:, None],
+        weights=np.ones((len(number), 1)),
+        area=np.ones(len(number)),
     )
     shared = SharedPoints(comm, points)
     assert np.array_equal(shared.is_own, owner[number] == comm.rank)

@@ -8,6 +8,7 @@ are connected.
     2. A node that is tied to a point between other nodes, on an edge of another mesh, has the
        labels of these nodes in addition to its own.
     3. Lines may be tied to lines that are tied: step 2 is repeated until no label is added.
+    4. A point between nodes of order 2 that are all tied has their labels, too.
 """
 
 from __future__ import annotations
@@ -73,6 +74,45 @@ class TiedLabels:
         # Cables without a radius have no area.
         return np.divide(edges.area, area, out=np.ones(len(area)), where=area > 0)
 
+    def with_points_between(self, points: SurfacePoints, comm: MPI.Intracomm) -> TiedLabels:
+        """Return these labels and those of points between nodes that are all tied, step 4 of the
+        module; collective.  Points whose nodes are tied node to node, with the same weights, are
+        tied, too."""
+        between: dict[int, dict[int, float]] = {}
+        node_number = points.numbers_of_nodes()
+        is_tied = np.isin(node_number, self.numbers) | (points.weights == 0)
+        for k in np.flatnonzero(~points.is_node & is_tied.all(axis=1)):
+            used = points.weights[k] != 0
+            weights = map(float, points.weights[k, used])
+            between[int(points.number[k])] = dict(
+                zip(map(int, node_number[k, used]), weights, strict=True)
+            )
+        # Ties are along lines: unlike facets, all ranks know them.
+        for of_rank in comm.allgather(between):
+            between |= of_rank
+        if not between:
+            return self
+        coincident = dict(zip(map(int, self.numbers), map(int, self.coincident), strict=True))
+        labels: dict[int, list[int]] = {}
+        for tied, row in zip(self.numbers, self.labels, strict=True):
+            labels[int(tied)] = list(map(int, row))
+        first: dict[frozenset[tuple[int, float]], int] = {}
+        for number, weight_of in sorted(between.items()):
+            position = frozenset((coincident[node], weight) for node, weight in weight_of.items())
+            coincident[number] = first.setdefault(position, number)
+            labels[number] = [coincident[number]]
+            for node in weight_of:
+                labels[number] += labels[node]
+        numbers = sorted(labels)
+        width = max(map(len, labels.values()))
+        # Labels may be repeated.
+        rows = [labels[number] + labels[number][:1] * width for number in numbers]
+        return TiedLabels(
+            numbers=np.array(numbers, dtype=np.int64),
+            labels=np.array([row[:width] for row in rows], dtype=np.int64),
+            coincident=np.array([coincident[number] for number in numbers], dtype=np.int64),
+        )
+
     def _rows(self, numbers: Int64Array) -> tuple[Int64Array, MaskArray]:
         """Return the rows of points with some numbers in this table, and which of them are tied;
         the row of any other point has no meaning."""
@@ -113,11 +153,12 @@ def tied_labels(
     # The point with the lowest number stands for all that are one: no other point has this label.
     _, first = np.unique(label, return_index=True)
     coincident = numbers[first]
-    return TiedLabels(
+    of_nodes = TiedLabels(
         numbers,
         labels=coincident[_padded(connected[label], label)],
         coincident=coincident[label],
     )
+    return of_nodes.with_points_between(points, system.comm)
 
 
 def _ties(
@@ -174,12 +215,14 @@ def _numbers_of(
         return {}
     # One number for body and node.
     nodes = [node for _, node in wanted]
-    base = 1 + max(*nodes, int(points.node.max(initial=0)))
+    is_node = points.is_node
+    node = points.nodes[is_node, 0]
+    base = 1 + max(*nodes, int(node.max(initial=0)))
     asked = np.array(wanted, dtype=np.int64) @ [base, 1]
-    known = points.body * base + points.node
+    known = points.body[is_node] * base + node
     _, found, row = np.intersect1d(asked, known, assume_unique=True, return_indices=True)
     numbers = np.full(len(wanted), -1, dtype=np.int64)
-    numbers[found] = points.number[row]
+    numbers[found] = points.number[is_node][row]
     comm.Allreduce(MPI.IN_PLACE, numbers, op=MPI.MAX)
     return dict(zip(wanted, map(int, numbers), strict=True))
 

@@ -19,6 +19,7 @@ from gossamer_fx.mechanics.contact.contract import (
 )
 from gossamer_fx.mechanics.contact.geometry.collision_filter import tied_labels
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints, ObstaclePoints
+from gossamer_fx.mechanics.contact.geometry.curved_cells import has_middle_nodes, largest_distances
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.geometry.surface_share import (
     SharedPoints,
@@ -60,17 +61,20 @@ class CollisionMesh:
     its frame.
 
     Args:
+        piece_counts: into how many pieces the edges of each body's cells are cut, see
+            `geometry.curved_cells`.
         has_friction: of each obstacle whether it needs a frame; none: no obstacle does.
 
     Attributes:
         comm: the ranks.
         bodies, obstacles, names: what touches, and the names of bodies and obstacles.
+        piece_counts: as given.
+        points_per_node: number of points to a node (k,) of each body and obstacle; 1 for order 1.
         share: primitives of the cells that this rank owns.
         known: all primitives of bodies that this rank knows.
         points: the m points.
         shared: exchanges values of the n points of bodies with other ranks.
         surface: primitives between the points.
-        nodes: global numbers (n,) of the points of bodies among the nodes of their body.
         body: number (m,) of the body or obstacle of each point.
         area: area [m²] (m,) for which each point stands.
         edge_area: area [m²] (e,) for which each edge stands.
@@ -93,6 +97,7 @@ class CollisionMesh:
         bodies: Sequence[MeshBody],
         obstacles: Sequence[Obstacle],
         radii: Sequence[float],
+        piece_counts: Sequence[int],
         system: Assembly,
         has_friction: Sequence[bool] = (),
     ) -> None:
@@ -103,7 +108,14 @@ class CollisionMesh:
         self.obstacles = list(obstacles)
         self.names = [body.name for body in bodies] + [obstacle.name for obstacle in obstacles]
         self._radii = np.array(radii, dtype=float)
-        self.share = SurfaceShare.of(bodies, radii, self.comm)
+        self.piece_counts = list(piece_counts)
+        # Two pieces along an edge have the points of its nodes.
+        self.points_per_node = np.ones(len(self.names))
+        for k, body in enumerate(self.bodies):
+            if has_middle_nodes(body):
+                dimension = body.space.mesh.topology.dim
+                self.points_per_node[k] = (self.piece_counts[k] / 2) ** dimension
+        self.share = SurfaceShare.of(bodies, piece_counts, radii, self.comm)
         self._tied = tied_labels(system, bodies, self.share.surface.points)
         self._parts = [obstacle.parts() for obstacle in obstacles]
         self._has_frame = list(has_friction) or [False] * len(obstacles)
@@ -139,8 +151,7 @@ class CollisionMesh:
         self.known = known
         points = known.points
         self.shared = SharedPoints(self.comm, points)
-        self.points.set_nodes(points.body, points.node)
-        self.nodes = points.node
+        self.points.set_points(points.body, points.nodes, points.weights)
         body_count = len(points)
         point_count = self.points.count
         self.radius = np.zeros(point_count)
@@ -252,6 +263,36 @@ class CollisionMesh:
         self.shared.take_minimum(values[:count])
         if self.comm.size > 1 and self.points.obstacle_count:
             self.comm.Allreduce(MPI.IN_PLACE, values[count:], op=MPI.MIN)
+
+    def distances_from_pieces(self, x: Array) -> Array:
+        """Return a bound (m,) [m] for the distance of the cells round each point from the flat
+        pieces as which they touch; collective.  It is zero for cells of order 1, points of
+        obstacles, and flat cells whose middle nodes are in the middle.  `x`: points (m, 3) [m]."""
+        bounds = np.zeros(self.points.count)
+        known = self.known.points
+        for number, body in enumerate(self.bodies):
+            if not has_middle_nodes(body):
+                continue
+            index_map = body.block.index_map
+            of_body = np.flatnonzero(known.body == number)
+            nodes = np.ascontiguousarray(known.nodes[of_body])
+            local = index_map.global_to_local(nodes.ravel()).reshape(nodes.shape)
+            # Points of other ranks' cells, which were imported, are not among the nodes of this
+            # rank.
+            is_local = (local >= 0).all(axis=1)
+            at_node = is_local & known.is_node[of_body]
+            positions = np.zeros((index_map.size_local + index_map.num_ghosts, 3))
+            positions[local[at_node, 0]] = x[of_body[at_node]]
+            bound_of_node = largest_distances(body, positions, self.piece_counts[number])
+            # A point has the cells that all of its nodes have.
+            of_nodes = np.where(
+                known.weights[of_body] != 0, bound_of_node[np.maximum(local, 0)], np.inf
+            )
+            bounds[of_body[is_local]] = of_nodes.min(axis=1)[is_local]
+        # The least of the negative: the largest of all ranks that have a cell at the point.
+        negative = -bounds
+        self.take_minimum(negative)
+        return -negative
 
     def name_of(self, point: int) -> str:
         """Return the name of the body or obstacle of a point."""

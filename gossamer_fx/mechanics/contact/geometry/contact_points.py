@@ -1,11 +1,17 @@
 """All points of a contact as functions of the unknowns.
 
-The first points are nodes of bodies, of which each is a vector of three unknowns.  The points of
-obstacles follow: they stay, move as prescribed, or are combinations of the vectors of a rigid body.
+The first points are those of bodies.  The points of obstacles follow: they stay, move as
+prescribed, or are combinations of the vectors of a rigid body.
 
-    x = W q + c(t)        points x (m, 3), block rows q (v, 3), weights W (m, v), prescribed part c
+    x = W y + c(t)        points x (m, 3), block rows y (v, 3), weights W (m, v), prescribed part c
+    y = S q               node rows q (u, 3), shape functions S (v, u)
 
-A *block row* is a vector of three unknowns.  Block row i of the first n is the position of point i.
+A *node row* is a vector of three unknowns: the position of a node of a body, or a vector of a rigid
+body.  A *block row* is a vector by which the pairs move: the position of point i of the first n, or
+a vector of a rigid body.  Points of cells of order 2 are sums of nodes, weighted by the shape
+functions; without such cells block rows are node rows, and S is left out.  Since both maps are
+linear, forces Sᵀ Wᵀ F do the work of F, and have its resultant and moment.
+
 Prescribed motions are functions of the user, asked for on all ranks and checked.
 """
 
@@ -118,13 +124,14 @@ def _weights_of(vectors: Sequence[Attached], system: Assembly) -> tuple[csr_matr
 
 
 class ContactPoints:
-    """The m points of a contact that this rank knows, of which the first n are nodes of bodies.
+    """The m points of a contact that this rank knows, of which the first n are points of bodies.
 
     Attributes:
         body_count: n.
         obstacle_count: number of points of obstacles, which every rank knows.
         count: m.
-        first_dof: number (v,) of the first of the three unknowns of each block row in the system.
+        first_dof: number (u,) of the first of the three unknowns of each node row in the system.
+        shape: S (v, u); None: block rows are node rows.
         weights: W (m, v).
         prescribed: points (k,) with a prescribed motion.
     """
@@ -132,6 +139,7 @@ class ContactPoints:
     body_count: int
     count: int
     first_dof: Int64Array
+    shape: csr_matrix | None
     weights: csr_matrix
     prescribed: Int64Array
 
@@ -168,22 +176,42 @@ class ContactPoints:
         normals, on which no force [N] but a moment acts."""
         return np.concatenate([np.ones(self.body_count, dtype=bool), self._is_point])
 
-    def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
-        """Let the first n points of a contact be some nodes of bodies, and set the map from block
-        rows to all points; collective.  `body`: number (n,) of the body of each point, ascending;
-        `node`: global number (n,) among the nodes of the body."""
-        self.body_count = len(node)
+    @property
+    def block_row_count(self) -> int:
+        """v, the number of block rows."""
+        return self.weights.shape[1]
+
+    def set_points(self, body: Int64Array, nodes: Int64Array, weights: Array) -> None:
+        """Let the first n points of a contact be some points of bodies, and set the map from
+        unknowns to all points; collective.  `body`: number (n,) of the body of each point,
+        ascending; `nodes, weights`: global numbers (n, w) among the nodes of the body, and the
+        weights of these nodes in the point."""
+        self.body_count = len(nodes)
         self.count = self.body_count + self.obstacle_count
-        of_bodies = [block.to_global(node[body == k])[:, 0] for k, block in enumerate(self._blocks)]
+        self.shape = None
+        row_body = body
+        row_node = nodes[:, 0]
+        if nodes.shape[1] > 1:
+            used = weights.nonzero()
+            keys = np.column_stack([body[used[0]], nodes[used]])
+            rows, row = np.unique(keys, axis=0, return_inverse=True)
+            row_body, row_node = rows.T
+            shape = (self.body_count, len(rows))
+            of_points = csr_matrix((weights[used], (used[0], row.ravel())), shape=shape)
+            of_rigid_bodies = identity(len(self._first_dofs), format="csr")
+            self.shape = block_diag((of_points, of_rigid_bodies), format="csr")
+        of_bodies = [
+            block.to_global(row_node[row_body == k])[:, 0] for k, block in enumerate(self._blocks)
+        ]
         self.first_dof = np.concatenate([*of_bodies, self._first_dofs]).astype(np.int64)
-        # The identity for nodes of bodies, then the rows of obstacles.
-        of_nodes = identity(self.body_count, format="csr")
-        self.weights = block_diag((of_nodes, self._of_obstacles), format="csr")
+        # The identity for points of bodies, then the rows of obstacles.
+        of_bodies_points = identity(self.body_count, format="csr")
+        self.weights = block_diag((of_bodies_points, self._of_obstacles), format="csr")
         self._moved = [(self.body_count + numbers, motion) for numbers, motion in self._motions]
         self.prescribed = np.concatenate(
             [np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)]
         )
-        # Nodes of bodies have no prescribed part.
+        # Points of bodies have no prescribed part.
         self._constants = np.vstack([np.zeros((self.body_count, 3)), self._fixed])
         self._dofs = self.first_dof[:, None] + np.arange(3)
         self._gather = Gather(self._numbering, [self._dofs])
@@ -242,25 +270,32 @@ class ContactPoints:
                 )
 
     def of_block_rows(self, q: PETSc.Vec) -> Array:
-        """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
+        """Return the values (v, 3) of all block rows for a vector of the system; collective."""
+        of_node_rows = self.of_node_rows(q)
+        return of_node_rows if self.shape is None else np.asarray(self.shape @ of_node_rows)
+
+    def of_node_rows(self, q: PETSc.Vec) -> Array:
+        """Return the entries (u, 3) of a vector of the system at all node rows; collective."""
         if self.comm.size == 1:
             # Six times as fast as a scatter.
             return q.array_r[self._dofs]
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
-        """Add the forces (m, 3) [N] on points, this rank's share, to a vector of the system, as Wᵀ
-        force; collective."""
-        on_block_rows = force[: self.body_count]
+        """Add the forces (m, 3) [N] on points, this rank's share, to a vector of the system, as
+        Sᵀ Wᵀ force; collective."""
+        on_rows = force[: self.body_count]
         if not self._are_block_rows:
-            on_block_rows = np.asarray(self.weights.T @ force)
+            on_rows = np.asarray(self.weights.T @ force)
+        if self.shape is not None:
+            on_rows = np.asarray(self.shape.T @ on_rows)
         if self.comm.size == 1:
             values = r.array
-            values[self._dofs] += on_block_rows
+            values[self._dofs] += on_rows
             return
         # The messages of the scatter are known beforehand, unlike those of single entries of a
         # vector.
-        self._gather.add(on_block_rows, r)
+        self._gather.add(on_rows, r)
 
     def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
         """Return the block rows (n, 4 w) that move the points (n, 4) of contact pairs, and the

@@ -5,14 +5,14 @@ They are named by rows of integers, and numbered over all ranks without gatherin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.forms.backend import geometry_nodes
-from gossamer_fx.core.mesh.linear_pieces import linear_pieces
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array, Int64Array
 
@@ -68,71 +68,178 @@ class Facets:
     """This rank's points of one body that can touch, and the flat pieces between them.
 
     A rank has the pieces of the cells that it owns and their n points; points on the boundary
-    between two ranks are on both.  Cells of order 2 are cut into linear pieces.  Points are
+    between two ranks are on both.  Cells of order 2 are cut into flat pieces, whose corners are
+    points of the curved cell: sums of its nodes, weighted by the shape functions.  Points are
     numbered by the vertices of the mesh file, so that their numbers do not depend on the number of
     ranks.
 
     Attributes:
-        nodes: global numbers (n,) of the points among the nodes of the body.
+        nodes: global numbers (n, w), among the nodes of the body, of those that move each point; a
+            point that is a node has this one first.
+        weights: of these nodes in each point (n, w); zero where a point has fewer than w nodes.
         X: positions (n, 3) in the stress-free shape [m].
+        area_factors: area (n,) for which each point stands, over its share of the pieces round it.
         rows: numbers, owners and sums of the points over all ranks.
         triangles: (t, 3) points, as indices of the arrays above; none for cables and beams.
         lines: (l, 2) points, as indices; none for films.
     """
 
     nodes: Int64Array
+    weights: Array
     X: Array
+    area_factors: Array
     rows: DistributedRows
     triangles: Int32Array
     lines: Int32Array
 
+    def widened(self, width: int) -> Facets:
+        """Return the same with `width` nodes for each point, of which the last have no weight."""
+        added = width - self.nodes.shape[1]
+        return replace(
+            self,
+            nodes=np.hstack([self.nodes, np.repeat(self.nodes[:, :1], added, axis=1)]),
+            weights=np.pad(self.weights, [(0, 0), (0, added)]),
+        )
 
-def facets_of(body: MeshBody) -> Facets:
+
+def facets_of(body: MeshBody, piece_count: int) -> Facets:
     """Return this rank's points of a film, cable or beam and the flat pieces between them;
-    collective."""
+    collective.  `piece_count`: into how many pieces each edge is cut, see `curved_cells`."""
     space = body.space
     mesh = space.mesh
     dimension = mesh.topology.dim
     # Each rank brings the cells that it owns; together they are all cells, each once.
     own_count = mesh.topology.index_map(dimension).size_local
     dofs = space.dofmap.list[:own_count]
-    dof_count = dofs.shape[1]
+    lattice = CellLattice.of(dimension, dofs.shape[1], piece_count)
 
     corners = geometry_nodes(mesh)[:own_count, : dimension + 1]
     vertices = mesh.geometry.input_global_indices[corners].astype(np.int64)
-    names = _names_of_dofs(vertices, dof_count, EDGES_OF_CELLS[dimension, dof_count]).reshape(-1, 2)
-    # Sorting by name makes one point of the dofs that cells share.
+    # A point is named by as many vertices as an edge has pieces, ascending: each as often as its
+    # part in the point is.
+    names = np.sort(vertices[:, lattice.corners], axis=2).reshape(-1, piece_count)
+    # Sorting by name makes one point of those that cells share.
     points, first, point = np.unique(names, axis=0, return_index=True, return_inverse=True)
-    dof_of_point = dofs.ravel()[first].astype(np.int32)
+    cell, lattice_point = np.divmod(first, len(lattice.corners))
+    dofs_of_points = dofs[cell[:, None], lattice.nodes[lattice_point]]
+    weights = lattice.weights[lattice_point]
     last_vertex = body.comm.allreduce(int(names.max(initial=0)), op=MPI.MAX)
+    X = space.tabulate_dof_coordinates()[dofs_of_points]
 
-    sorted_facets = np.sort(linear_pieces(point.reshape(-1, dof_count), dimension), axis=1)
+    pieces = point.reshape(own_count, len(lattice.corners))[:, lattice.pieces]
+    sorted_facets = np.sort(pieces.reshape(-1, dimension + 1), axis=1)
     ordered: Int32Array = sorted_facets[np.lexsort(sorted_facets.T[::-1])].astype(np.int32)
     is_film = dimension == 2
     no_triangles: Int32Array = np.zeros((0, 3), dtype=np.int32)
     no_lines: Int32Array = np.zeros((0, 2), dtype=np.int32)
+    numbers = body.block.index_map.local_to_global(dofs_of_points.ravel().astype(np.int32))
     return Facets(
-        nodes=body.block.index_map.local_to_global(dof_of_point),
-        X=space.tabulate_dof_coordinates()[dof_of_point],
+        nodes=numbers.reshape(dofs_of_points.shape),
+        weights=weights,
+        X=np.einsum("nw,nwc->nc", weights, X),
+        area_factors=lattice.area_factors[lattice_point],
         rows=DistributedRows(body.comm, points, last_vertex + 1),
         triangles=ordered if is_film else no_triangles,
         lines=no_lines if is_film else ordered,
     )
 
 
-def _names_of_dofs(
-    vertices: Int64Array, dof_count: int, edges: list[tuple[int, int]]
-) -> Int64Array:
-    """Return two numbers (c, d, 2) for each of the d = `dof_count` degrees of freedom of c cells,
-    by which ranks name it.  They are the vertices, in ascending order, of the edge on which it is;
-    a vertex is twice itself.  `vertices`: numbers (c, k) of the cells' vertices in the mesh file;
-    `edges`: the vertices (0 to k - 1) of the edges with a middle node."""
-    count, vertex_count = vertices.shape
-    names = np.zeros((count, dof_count, 2), dtype=np.int64)
-    names[:, :vertex_count] = vertices[:, :, None]
-    for k, ends in enumerate(edges):
-        names[:, vertex_count + k] = np.sort(vertices[:, list(ends)], axis=1)
-    return names
+@dataclass(frozen=True)
+class CellLattice:
+    """The p points into which n pieces along each edge cut one cell with d dofs.
+
+    A uniform load on a cell of order 2 is carried by the nodes in the middle of its edges alone.
+    Contact carries it without bending the film if the areas a of the points integrate the shape
+    functions N as the load does:
+
+        Σ_i a_i N_k(x_i) = ∫ N_k dA    for every node k                                        (1)
+
+    The shares of the pieces round a point do so for linear functions only.  The areas are those
+    that are nearest to these shares, relative to them, among all that fulfil (1); on a line with
+    two pieces they are Simpson's rule.  Two pieces along the edges of a triangle leave nothing to
+    its corners, which would not touch; from three on all areas are above zero.
+
+    Attributes:
+        corners: the vertices (p, n) of the cell that name each point.
+        nodes: dofs (p, w) of the cell that move each point; a point on a dof has that first.
+        weights: of these dofs in the point (p, w).
+        area_factors: area (p,) of each point over its share of the pieces round it.
+        pieces: (q, dimension + 1) points.
+    """
+
+    corners: Int64Array
+    nodes: Int64Array
+    weights: Array
+    area_factors: Array
+    pieces: Int64Array
+
+    @classmethod
+    def of(cls, dimension: int, dof_count: int, piece_count: int) -> CellLattice:
+        """Return the lattice of a line or triangle; with one piece its points are the vertices."""
+        corners = np.array(list(combinations_with_replacement(range(dimension + 1), piece_count)))
+        # Barycentric coordinates times the number of pieces, exact integers.
+        parts = (corners[:, :, None] == np.arange(dimension + 1)).sum(axis=1)
+        edges = EDGES_OF_CELLS[dimension, dof_count]
+        shape = _shape_functions(parts / piece_count, edges)
+        pieces = _pieces_of_lattice(parts)
+        # Dofs with the largest weights first, so that points have the fewest of them.
+        order = np.argsort(-np.abs(shape), axis=1, kind="stable")
+        width = int((shape != 0).sum(axis=1).max())
+        nodes = order[:, :width]
+        return cls(
+            corners=corners,
+            nodes=nodes,
+            weights=np.take_along_axis(shape, nodes, axis=1),
+            area_factors=_area_factors(shape, pieces) if edges else np.ones(len(corners)),
+            pieces=pieces,
+        )
+
+
+def _shape_functions(coordinates: Array, edges: list[tuple[int, int]]) -> Array:
+    """Return the shape functions (p, d) of a cell at points with barycentric coordinates (p, k);
+    `edges`: those with a middle node, none for order 1."""
+    if not edges:
+        return coordinates
+    middles = [4 * coordinates[:, i] * coordinates[:, j] for i, j in edges]
+    return np.column_stack([coordinates * (2 * coordinates - 1), *middles])
+
+
+def _pieces_of_lattice(parts: Int64Array) -> Int64Array:
+    """Return the pieces (q, k) of a cell between the points of its lattice, with barycentric
+    integers (p, k): the sets of k points of which each two differ by one step along an edge."""
+    index = {tuple(map(int, part)): number for number, part in enumerate(parts)}
+    dimension = parts.shape[1] - 1
+    # Steps from the corner next to vertex 0 of a piece that lies as the cell does.
+    steps = np.eye(dimension + 1, dtype=int) - np.eye(dimension + 1, dtype=int)[0]
+    shapes = [steps]
+    if dimension == 2:
+        # Triangles between those are turned by half a turn.
+        shapes.append(-steps)
+    pieces = []
+    for shape in shapes:
+        for part in parts:
+            corners = [tuple(map(int, corner)) for corner in part + shape]
+            if all(corner in index for corner in corners):
+                pieces.append([index[corner] for corner in corners])
+    return np.array(pieces, dtype=np.int64)
+
+
+def _area_factors(shape: Array, pieces: Int64Array) -> Array:
+    """Return the factors (p,) of `CellLattice` for shape functions (p, d) of order 2."""
+    share = np.bincount(pieces.ravel(), minlength=len(shape)) / pieces.size
+    dof_count = shape.shape[1]
+    vertex_count = 2 if dof_count == 3 else 3
+    # ∫ N over the size of the cell: Simpson's rule on a line, the middles of the edges in a
+    # triangle.
+    of_vertices = 1 / 6 if vertex_count == 2 else 0.0
+    integral = np.full(dof_count, (1 - vertex_count * of_vertices) / (dof_count - vertex_count))
+    integral[:vertex_count] = of_vertices
+    # Least squares of (a - share)²/share under (1).
+    moments = shape.T * share
+    change, *_ = np.linalg.lstsq(moments @ shape, integral - moments.sum(axis=1), rcond=None)
+    factors = 1 + shape @ change
+    assert factors.min() > 0, "corners of triangles need three pieces along the edges"
+    return np.asarray(factors)
 
 
 # The three sides of a triangle by its corners.

@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.model.body import MeshBody
-from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.facets import (
     TRIANGLE_SIDES,
     DistributedRows,
@@ -74,13 +74,29 @@ class SurfacePoints(SurfacePrimitives):
 
     Attributes:
         body: number (n,) of their body.
-        node: global number (n,) among the nodes of the body.
+        nodes: global numbers (n, w), among the nodes of the body, of those that move each point; a
+            point that is a node has this one first.
+        weights: of these nodes in each point (n, w); zero where a point has fewer than w nodes.
         area: area [m²] (n,) for which each stands.
     """
 
     body: Int64Array
-    node: Int64Array
+    nodes: Int64Array
+    weights: Array
     area: Array
+
+    @property
+    def is_node(self) -> MaskArray:
+        """Which points (n,) are nodes: all but those between the nodes of a cell of order 2."""
+        return np.asarray(self.weights[:, 0] == 1)
+
+    def numbers_of_nodes(self) -> Int64Array:
+        """Return the numbers (n, w) of the points that are the nodes of each of these points."""
+        base = 1 + int(self.nodes.max(initial=0))
+        keys = self.body[:, None] * base + self.nodes
+        at_node = np.flatnonzero(self.is_node)
+        order = at_node[np.argsort(keys[at_node, 0])]
+        return self.number[order[np.searchsorted(keys[order, 0], keys)]]
 
 
 @dataclass(frozen=True)
@@ -147,17 +163,28 @@ class SurfaceShare:
 
     @classmethod
     def of(
-        cls, bodies: Sequence[MeshBody], radii: Sequence[float], comm: MPI.Intracomm
+        cls,
+        bodies: Sequence[MeshBody],
+        piece_counts: Sequence[int],
+        radii: Sequence[float],
+        comm: MPI.Intracomm,
     ) -> SurfaceShare:
-        """Number the points, edges and triangles of bodies, one body after the other."""
+        """Number the points, edges and triangles of bodies, one body after the other.
+        `piece_counts`: into how many pieces the edges of each body's cells are cut."""
         # Bodies are numbered one after the other, so that each kind of primitive has one range of
         # numbers.
         points: list[SurfacePoints] = []
         edges: list[SurfaceEdges] = []
         triangles: list[SurfaceTriangles] = []
         counts = np.zeros(3, dtype=np.int64)
-        for k, (body, radius) in enumerate(zip(bodies, radii, strict=True)):
-            surface, of_body = _surface_of(facets_of(body), k, radius, counts, comm)
+        of_bodies = [
+            facets_of(body, piece_count)
+            for body, piece_count in zip(bodies, piece_counts, strict=True)
+        ]
+        # Points of one table have as many columns, also where bodies of both orders touch.
+        width = max(facets.nodes.shape[1] for facets in of_bodies)
+        for k, (facets, radius) in enumerate(zip(of_bodies, radii, strict=True)):
+            surface, of_body = _surface_of(facets.widened(width), k, radius, counts, comm)
             points.append(surface.points)
             edges.append(surface.edges)
             triangles.append(surface.triangles)
@@ -187,7 +214,8 @@ def _surface_of(
         number=first[0] + rows.numbers,
         owner=rows.owners,
         body=np.full(len(facets.nodes), body),
-        node=facets.nodes,
+        nodes=facets.nodes,
+        weights=facets.weights,
         # A rank knows the cells that it owns; areas on a boundary are sums over its sides.
         area=rows.sums(point_area),
     )
@@ -212,7 +240,8 @@ def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, 
     (e,) and points (n,) stand, from the cells of this rank.
 
     A triangle gives each of its sides and corners a third of its area.  A line stands for the area
-    of its shadow, length times diameter, and gives each end a half.
+    of its shadow, length times diameter, and gives each end a half.  In cells of order 2 points
+    stand for `Facets.area_factors` times that.
     """
     count = len(facets.nodes)
     if len(facets.lines):
@@ -220,14 +249,15 @@ def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, 
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         area: Array = length * 2 * radius
         halves = np.repeat(area / 2, 2)
-        return facets.lines, area, _summed(facets.lines, halves, count)
+        return facets.lines, area, facets.area_factors * _summed(facets.lines, halves, count)
     corners = facets.X[facets.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     thirds = np.repeat(np.linalg.norm(normals, axis=1) / 6, 3)
     sides = np.sort(facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2), axis=1)
     edges, edge = np.unique(sides, axis=0, return_inverse=True)
     edge_area = _summed(edge, thirds, len(edges))
-    return edges.astype(np.int32), edge_area, _summed(facets.triangles, thirds, count)
+    point_area = facets.area_factors * _summed(facets.triangles, thirds, count)
+    return edges.astype(np.int32), edge_area, point_area
 
 
 def _summed(numbers: np.ndarray, values: Array, count: int) -> Array:
