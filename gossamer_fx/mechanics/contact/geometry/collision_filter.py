@@ -95,7 +95,7 @@ class TiedLabels:
         coincident = dict(zip(map(int, self.numbers), map(int, self.coincident), strict=True))
         labels: dict[int, list[int]] = {}
         for tied, row in zip(self.numbers, self.labels, strict=True):
-            labels[int(tied)] = list(map(int, row))
+            labels[int(tied)] = [int(label) for label in np.atleast_1d(row)]
         first: dict[frozenset[tuple[int, float]], int] = {}
         for number, weight_of in sorted(between.items()):
             position = frozenset((coincident[node], weight) for node, weight in weight_of.items())

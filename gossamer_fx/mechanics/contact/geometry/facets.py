@@ -207,7 +207,7 @@ def _shape_functions(coordinates: Array, edges: list[tuple[int, int]]) -> Array:
 def _pieces_of_lattice(parts: Int64Array) -> Int64Array:
     """Return the pieces (q, k) of a cell between the points of its lattice, with barycentric
     integers (p, k): the sets of k points of which each two differ by one step along an edge."""
-    index = {tuple(map(int, part)): number for number, part in enumerate(parts)}
+    index = {part.tobytes(): number for number, part in enumerate(parts)}
     dimension = parts.shape[1] - 1
     # Steps from the corner next to vertex 0 of a piece that lies as the cell does.
     steps = np.eye(dimension + 1, dtype=int) - np.eye(dimension + 1, dtype=int)[0]
@@ -218,7 +218,7 @@ def _pieces_of_lattice(parts: Int64Array) -> Int64Array:
     pieces = []
     for shape in shapes:
         for part in parts:
-            corners = [tuple(map(int, corner)) for corner in part + shape]
+            corners = [corner.tobytes() for corner in part + shape]
             if all(corner in index for corner in corners):
                 pieces.append([index[corner] for corner in corners])
     return np.array(pieces, dtype=np.int64)
