@@ -203,8 +203,9 @@ def warn_of_quality(result: EquilibriumResult, search: Search, known: set[str]) 
         LOG.warning("%s", lost)
     if not result.within_tolerance:
         LOG.warning(
-            "The equilibrium has a residual of %.1e, above the tolerance %.1e: "
-            "the inner forces have a round-off of %.1e N.",
+            "The equilibrium has a residual of %.3g, above the tolerance %.3g, as the inner forces "
+            "have a round-off of %.1e N; take it as it is, or give a larger tolerance of "
+            "gx.analysis.Continuation.",
             result.residual,
             search.options.tolerance,
             search.newton.round_off,
