@@ -106,17 +106,18 @@ def main(words: list[str] | None = None) -> int:
     changes = dict(_change(word) for word in wanted.set)
     judgements: dict[str, list[Judgement]] = {}
     known: dict[str, list[Judgement]] = {}
-    for path in _paths(wanted.name):
-        case = with_inputs(read_case(path, MODELS), changes)
+    # An input that a case does not have is refused before anything is computed.
+    cases = [with_inputs(read_case(path, MODELS), changes) for path in _paths(wanted.name)]
+    for case in cases:
         # Of all cases only those with such a test are run; a single case without one is refused.
         is_concerned = any(wanted.only in test.name for test in case.tests)
         if wanted.name == "all" and not is_concerned:
             continue
-        case = case.with_only(wanted.only)
+        chosen = case.with_only(wanted.only)
         if wanted.sensitivity:
-            _change_inputs(case, comm, wanted)
+            _change_inputs(chosen, comm, wanted)
             continue
-        judgements[case.name], known[case.name] = _validate(case, comm, wanted)
+        judgements[case.name], known[case.name] = _validate(chosen, comm, wanted)
     if wanted.sensitivity:
         if wanted.store:
             on_rank_zero(comm, write_pages)
@@ -142,6 +143,7 @@ def _validate(
     # Results of other inputs are other results.
     has_stored = not wanted.quick and not wanted.set and wanted.name in (*NAMES, "all")
     before = read_results(STORED / f"{case.name}.json", case.name) if has_stored else []
+    # With --fresh what is stored is computed again; results of tests that are not chosen are kept.
     known = before if wanted.store and not wanted.fresh else []
     cases = case_set(case, comm, wanted.quick, wanted.only, known)
     folder = wanted.out / f"{case.name}{'-quick' * wanted.quick}"
@@ -152,7 +154,7 @@ def _validate(
     if not wanted.store:
         differences = changes(with_measured(case, new), before, REPEATABILITY, compared_numbers)
         return [*cases.judgements(new), *differences], known_judgements
-    by_test = {result.values["test"]: result for result in [*known, *new]}
+    by_test = {result.values["test"]: result for result in [*before, *new]}
     results = [result for _, result in results_by_test(case, list(by_test.values()))]
     results = with_measured(case, results)
 

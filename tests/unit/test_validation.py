@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import logging
 import math
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from demos.validation import __main__ as validation
 from demos.validation.__main__ import (
     CASES,
     FIRST_PAGE,
@@ -41,7 +43,7 @@ from demos.validation.engine.results import case_set
 from demos.validation.models import hanging_kite
 from gossamer_fx import InputError
 from gossamer_fx.analysis.cases.case_set import run_cases
-from gossamer_fx.analysis.cases.results import Result, read_results
+from gossamer_fx.analysis.cases.results import Result, read_results, write_results
 
 GOOD = """
 format = 1
@@ -257,6 +259,42 @@ def test_a_name_of_no_test_is_refused_and_all_skips_cases_without_it(folder):
         main(["hiad_plateau", "--only", "3 up", "--out", str(folder)])
     assert main(["all", "--only", "3 up", "--out", str(folder)]) == 0
     assert not list(folder.iterdir())
+
+
+def test_results_of_tests_that_are_not_computed_stay_stored(folder, monkeypatch):
+    """`--store --fresh` of one test replaces the result of this one."""
+    before = read_results(validation.STORED / "hiad_plateau.json", "hiad_plateau")
+    changed = [replace(one, numbers={**one.numbers, "y of plateau load": [1.0]}) for one in before]
+    write_results(folder / "hiad_plateau.json", "hiad_plateau", changed)
+    monkeypatch.setattr(validation, "STORED", folder)
+    monkeypatch.setattr(validation, "write_pages", lambda: None)
+    words = ["hiad_plateau", "--store", "--fresh", "--only", "2 up, 138", "--out", str(folder)]
+    main(words)
+    loads = {
+        result.values["test"]: result.numbers["y of plateau load"]
+        for result in read_results(folder / "hiad_plateau.json", "hiad_plateau")
+    }
+    assert len(loads) == len(before) == 6
+    (new,) = loads.pop("2 up, 138 kPa")
+    assert new > 1e3
+    assert set(map(tuple, loads.values())) == {(1.0,)}
+
+
+@pytest.mark.parametrize("name", ["hiad_plateau", "all"])
+def test_an_input_that_a_case_has_not_is_refused_before_anything_is_computed(folder, name):
+    with pytest.raises(InputError, match="Case '[a-z_]+' has no input 'q'; set one of [a-z_]+,"):
+        main([name, "--set", "q=1", "--out", str(folder)])
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_number_that_a_case_may_leave_out_can_be_set(model):
+    module = importlib.import_module(f"demos.validation.models.{model}")
+    source = Path(module.__file__).read_text(encoding="utf-8")
+    asked = set(re.findall(r'"(\w+)" in inputs', source))
+    # A list is an input that cannot be set.
+    lists = set(re.findall(r'inputs\.numbers\("(\w+)"', source))
+    assert asked - lists <= set(getattr(module, "OPTIONAL_INPUTS", ()))
 
 
 def test_a_curve_may_begin_at_zero_outside_of_its_range(folder):

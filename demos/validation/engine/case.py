@@ -45,6 +45,7 @@ see `uncertainty`.
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import math
 import re
@@ -336,11 +337,19 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
     Args:
         case: the case.
         changes: numbers by the name of the input, in the unit that the case has, or without one if
-            the case has no such input.
+            the case leaves out this input of its model.
 
     Raises:
-        InputError: an input that is not one number.
+        InputError: an input that is not one number, or that neither the case nor its model has.
     """
+    model = importlib.import_module(f"demos.validation.models.{case.model}")
+    known = set(getattr(model, "OPTIONAL_INPUTS", ()))
+    known = known.union(*(test.inputs.values for test in case.tests))
+    for name in changes:
+        check(
+            name in known,
+            f"Case '{case.name}' has no input '{name}'; set one of {', '.join(sorted(known))}.",
+        )
     tests = []
     for test in case.tests:
         # A copy: the case that is given stays as it is.

@@ -47,6 +47,9 @@ from demos.validation.engine.comparison import Predicted, Prediction
 from demos.validation.models.braided_tube import Tube, cords_of, held_component
 from gossamer_fx.extend import Item, PointForce, PointLoad, Port, State, Term, check, combine
 
+# Numbers that a case may leave out.
+OPTIONAL_INPUTS = ("cells_along", "cells_around", "second_pressure")
+
 # Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
 # "cells_around" are given.
 CELLS = (48, 6)

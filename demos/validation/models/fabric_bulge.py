@@ -36,6 +36,9 @@ from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.extend import Expr, IsotropicFilm, check
 from gossamer_fx.meshes.disc import quarter_disc
 
+# Numbers that a case may leave out.
+OPTIONAL_INPUTS = ("cells", "start_height")
+
 # Cells along the radius.
 CELLS = 8
 QUICK_CELLS = 2

@@ -60,6 +60,9 @@ from gossamer_fx.extend import (
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, triangles_of
 from gossamer_fx.meshes.line import line
 
+# Numbers that a case may leave out.
+OPTIONAL_INPUTS = ("bending_factor", "torsion_factor")
+
 GRAVITY = 9.81  # [m/s²], along z
 
 # Canopy: cells from the leading to the trailing edge.

@@ -40,6 +40,9 @@ from demos.validation.models.braided_tube import (
 )
 from gossamer_fx.extend import STATES, check
 
+# Numbers that a case may leave out.
+OPTIONAL_INPUTS = ("shear_stiffness",)
+
 # Cells over half of the section.
 CELLS_AROUND = 12
 QUICK_CELLS_AROUND = 6

@@ -26,6 +26,9 @@ from gossamer_fx.meshes.arrays import (
     triangles_of,
 )
 
+# Numbers that a case may leave out.
+OPTIONAL_INPUTS = ("node_force", "parts", "prestress")
+
 DENSITY = 1000.0  # [kg/m³]; it only paces the search for the equilibrium
 
 

@@ -23,6 +23,9 @@ from demos.validation.models.fabric_bulge import Bulge
 from gossamer_fx.extend import check
 from gossamer_fx.meshes.sheet import sheet
 
+# Numbers that a case may leave out.
+OPTIONAL_INPUTS = ("cells",)
+
 # Cells over half of the width, and the largest length of a cell over its width: fields change along
 # a long film near its short edges only.
 CELLS = 10

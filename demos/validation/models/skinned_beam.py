@@ -27,6 +27,9 @@ from gossamer_fx.extend import check
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, triangles_of
 from gossamer_fx.meshes.line import line
 
+# Numbers that a case may leave out.
+OPTIONAL_INPUTS = ("bay_cells", "chord_cells")
+
 # Cells of the skin from the leading to the trailing edge, on each side, and between two ribs.
 CHORD_CELLS = 10
 QUICK_CHORD_CELLS = 5

@@ -31,6 +31,9 @@ from gossamer_fx import Mesh
 from gossamer_fx.extend import check
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
 
+# Numbers that a case may leave out.
+OPTIONAL_INPUTS = ("cell_of_fold", "cells_across")
+
 # Half of the length over the width of the tape: four widths beyond, ends do not change the moment.
 HALF_LENGTH = 4.0
 
