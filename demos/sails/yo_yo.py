@@ -48,6 +48,8 @@ EA = 5e3  # of a cord [N]
 # The tension of the cords reduces their gap by a hundredth of the contact distance at this
 # stiffness.
 CONTACT_STIFFNESS = 5e9  # N/m³
+# Speed [m/s] up to which friction grows: cords fall along a drum ten to a hundred times as fast.
+SLIP_VELOCITY = 1e-2
 # Of the stretch of the cords: without damping the masses bounce on them for ever.
 DAMPING = 1e-3  # s
 # Part of half a turn that a cord is wound: it ends before the other one begins.
@@ -135,13 +137,17 @@ class WoundCord:
         ]
 
 
-def on_drum(cords: list[WoundCord], obstacle: gx.contact.Cylinder) -> gx.Contact:
-    """Contact of cords with the drum that they are wound on."""
+def on_drum(
+    cords: list[WoundCord], obstacle: gx.contact.Cylinder, friction: float = 0.0
+) -> gx.Contact:
+    """Contact of cords with the drum that they are wound on, with a coefficient of friction."""
     return gx.Contact(
         *(one.cord for one in cords),
         obstacle,
         distance=CONTACT_DISTANCE,
         stiffness=CONTACT_STIFFNESS,
+        friction=friction,
+        slip_velocity=SLIP_VELOCITY,
         radius=dict.fromkeys((one.cord.name for one in cords), CORD_RADIUS),
     )
 

@@ -204,7 +204,8 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="INPUT=NUMBER",
-        help="another number as an input, in the unit of the case; may be repeated",
+        help="another number as an input, in the unit of the case, or in SI units if it is "
+        "left out there; may be repeated",
     )
     parser.add_argument(
         "--sensitivity",

@@ -28,7 +28,7 @@ from demos.validation.__main__ import (
     stored_changes,
     table_of_tests,
 )
-from demos.validation.engine.case import read_case
+from demos.validation.engine.case import read_case, with_inputs
 from demos.validation.engine.comparison import Predicted, compare, comparisons
 from demos.validation.engine.interval_report import counted_intervals
 from demos.validation.engine.overview import (
@@ -282,7 +282,7 @@ def test_results_of_tests_that_are_not_computed_stay_stored(folder, monkeypatch)
 
 @pytest.mark.parametrize("name", ["hiad_plateau", "all"])
 def test_an_input_that_a_case_has_not_is_refused_before_anything_is_computed(folder, name):
-    with pytest.raises(InputError, match="Case '[a-z_]+' has no input 'q'; set one of [a-z_]+,"):
+    with pytest.raises(InputError, match=r"Case '[a-z_]+' has no input 'q'; set one of [a-z_]+,"):
         main([name, "--set", "q=1", "--out", str(folder)])
     assert not list(folder.iterdir())
 
@@ -295,6 +295,14 @@ def test_a_number_that_a_case_may_leave_out_can_be_set(model):
     # A list is an input that cannot be set.
     lists = set(re.findall(r'inputs\.numbers\("(\w+)"', source))
     assert asked - lists <= set(getattr(module, "OPTIONAL_INPUTS", ()))
+
+
+def test_a_number_that_a_case_leaves_out_is_set_in_the_unit_of_its_model():
+    case = with_inputs(read_case(CASES / "hanging_kite.toml", MODELS), {"tip_rope": 4.85})
+    assert case.tests[0].inputs.number("tip_rope", "m") == 4.85
+    # In that of the case otherwise: this one is in bar.
+    case = with_inputs(case, {"pressure": 0.2})
+    assert case.tests[0].inputs.number("pressure", "Pa") == pytest.approx(2e4)
 
 
 def test_a_curve_may_begin_at_zero_outside_of_its_range(folder):

@@ -124,6 +124,7 @@ def test_another_mesh_widens_the_interval_and_is_kept_apart(comm, folder, monkey
         return Prediction({"plateau load": Predicted(load * (1 + 1 / cells**2))})
 
     monkeypatch.setattr(cord_plateau, "predict", on_a_mesh)
+    monkeypatch.setattr(cord_plateau, "OPTIONAL_INPUTS", {"cells": "1"}, raising=False)
     case = case_of(folder, STATED + "[finer]\ncells = 20\n")
     stored = [Result({"test": "one"}, {"y of plateau load": [6e3 * 1.01]}, 0.0)]
     [result] = changes_by(case, comm, folder / "mesh", stored=stored)

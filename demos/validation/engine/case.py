@@ -336,15 +336,15 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
 
     Args:
         case: the case.
-        changes: numbers by the name of the input, in the unit that the case has, or without one if
-            the case leaves out this input of its model.
+        changes: numbers by the name of the input, in the unit that the case has, or in that of the
+            model if the case leaves this input out.
 
     Raises:
         InputError: an input that is not one number, or that neither the case nor its model has.
     """
     model = importlib.import_module(f"demos.validation.models.{case.model}")
-    known = set(getattr(model, "OPTIONAL_INPUTS", ()))
-    known = known.union(*(test.inputs.values for test in case.tests))
+    optional = getattr(model, "OPTIONAL_INPUTS", {})
+    known = set(optional).union(*(test.inputs.values for test in case.tests))
     for name in changes:
         check(
             name in known,
@@ -355,7 +355,7 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
         # A copy: the case that is given stays as it is.
         values = dict(test.inputs.values)
         for name, number in changes.items():
-            old = values.get(name, {"value": 0.0, "unit": "1"})
+            old = values.get(name, {"value": 0.0, "unit": optional.get(name, "1")})
             is_number = isinstance(old, dict) and isinstance(old.get("value"), int | float)
             check(
                 is_number,

@@ -47,8 +47,8 @@ from demos.validation.engine.comparison import Predicted, Prediction
 from demos.validation.models.braided_tube import Tube, cords_of, held_component
 from gossamer_fx.extend import Item, PointForce, PointLoad, Port, State, Term, check, combine
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("cells_along", "cells_around", "second_pressure")
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"cells_along": "1", "cells_around": "1", "second_pressure": "Pa"}
 
 # Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
 # "cells_around" are given.

@@ -48,8 +48,8 @@ from gossamer_fx.extend import (
 from gossamer_fx.mechanics.bodies.rigid_body import RigidPiece
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("cells_around",)
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"cells_around": "1"}
 
 # Cells over half of the section in the full and the quick form, unless the input "cells_around" is
 # given.  With 18 of them results change by less than 0.2 %.

@@ -2,17 +2,18 @@
 radial.
 
 The hub turns about a vertical axis, with a constant moment of friction in its bearing. Each cord is
-knotted to the hub, wound around it and touches it by contact without friction; the masses also
-fall.  When the cords have turned into the radial direction at their knots, they leave them.  From
-then on the hub is alone: its rate falls by T/I and ends at zero.
+knotted to the hub, wound around it and touches it by contact.  The masses also fall, so that they
+pull the cords down along the drum; friction of cord and drum resists that.  When the cords have
+turned into the radial direction at their knots, they leave them.  From then on the hub is alone:
+its rate falls by T/I and ends at zero.
 
 Closed form of the rate then, without friction, weight and mass of the cords: energy and momentum of
 a mass at the radius R + L that moves around the axis only,
 
     I ω + m (R + L) v = I ω0 + m R² ω0,    I ω² + m v² = (I + m R²) ω0²,    m of both masses.
 
-The length of a cord in the model is the given one less a shortening: knots, the size of the mass,
-and an early release.
+The length of a cord in the model is the given one less a shortening, which stands for not knowing
+between which points a length was measured.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ from demos.sails.yo_yo import STANDOFF, WoundCord, on_drum
 from demos.validation.engine.case import Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.extend import check
+
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"cells": "1", "drum_friction": "1", "longest_step": "s"}
 
 # Cells of a cord and longest step [s], unless the inputs "cells" and "longest_step" are given.
 CELLS = 24
@@ -78,6 +82,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     mass = inputs.number("mass", "kg", above=0)
     rate = inputs.number("start", "rad/s", above=0)
     friction = inputs.number("friction", "N m")
+    # Cases of an earlier form have no friction of the drum.
+    drum_friction = inputs.number("drum_friction", "1") if "drum_friction" in inputs else 0.0
     gravity = inputs.number("gravity", "m/s2")
     length = inputs.number("cord", "m") - inputs.number("shortening", "m")
     check(length > 0, f"{inputs.where}: the cord is not longer than its shortening.")
@@ -114,7 +120,11 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     ]
     g = (0.0, 0.0, -gravity)
     weights = [gx.Gravity(body, g) for one in cords for body in (one.cord, one.tip)]
-    contact = on_drum(cords, drum(hub, radius - STANDOFF, -DRUM_HALF_LENGTH, DRUM_HALF_LENGTH))
+    contact = on_drum(
+        cords,
+        drum(hub, radius - STANDOFF, -DRUM_HALF_LENGTH, DRUM_HALF_LENGTH),
+        friction=drum_friction,
+    )
     items: list[object] = [item for one in cords for item in one.items()]
     scene = gx.Scene(
         hub,

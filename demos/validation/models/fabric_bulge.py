@@ -36,8 +36,8 @@ from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.extend import Expr, IsotropicFilm, check
 from gossamer_fx.meshes.disc import quarter_disc
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("cells", "start_height")
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"cells": "1", "start_height": "m"}
 
 # Cells along the radius.
 CELLS = 8

@@ -60,8 +60,8 @@ from gossamer_fx.extend import (
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, triangles_of
 from gossamer_fx.meshes.line import line
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("bending_factor", "torsion_factor")
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"bending_factor": "1", "tip_rope": "m", "torsion_factor": "1"}
 
 GRAVITY = 9.81  # [m/s²], along z
 
@@ -85,6 +85,12 @@ RELAXATION = 0.7
 MAX_ITERATIONS = 4
 STIFFNESS_TOLERANCE = 0.03
 SMALLEST_SHARE = 0.05
+
+# A rope between the tips, for a sensitivity: its stiffness, and the steps in which it is shortened
+# from a length at which it is slack.
+ROPE_STIFFNESS = 500.0  # [N/m]
+SLACK_ROPE = 8.0  # [m]
+ROPE_STEP = 0.75  # [m]
 
 SEARCH = gx.analysis.Continuation(
     first_step=5e-3, tolerance=1e-5, total_iterations=4000, max_iterations=40, fast_iterations=15
@@ -205,6 +211,7 @@ class Kite:
     loaded: tuple[int, int, int]
     bending_factor: float
     torsion_factor: float
+    tip_rope: float
 
     @staticmethod
     def read(inputs: Inputs) -> Kite:
@@ -279,6 +286,7 @@ class Kite:
             loaded=(int(loaded[0]), int(loaded[1]), int(loaded[2])),
             bending_factor=_factor(inputs, "bending_factor"),
             torsion_factor=_factor(inputs, "torsion_factor"),
+            tip_rope=inputs.number("tip_rope", "m", above=0) if "tip_rope" in inputs else 0.0,
         )
 
     @property
@@ -391,6 +399,8 @@ class Hanging:
             )
         if inward:
             self._pull_tips(inward)
+        if kite.tip_rope > 0:
+            self._tie_tips()
         self._search = gx.Equilibrium(gx.Scene(*self._items), SEARCH)
         self.unknowns = self._search.system.unknowns.numbering.size
 
@@ -403,9 +413,35 @@ class Hanging:
 
             self._items.append(gx.loads.Force(self._ports[tip], force, name=f"pull at {tip}"))
 
+    def _tie_tips(self) -> None:
+        """Add a rope between the tips: at the time t [s] it is t [m] long."""
+
+        def length(t: float) -> float:
+            # A scene begins at the time 0, where a rope has to have a length, too.
+            return t if t > 0 else SLACK_ROPE
+
+        tips = [self._ports[tip] for tip in self.kite.loaded[:2]]
+        rope = gx.connectors.Tether(*tips, stiffness=ROPE_STIFFNESS, length=length, name="tip rope")
+        self._items.append(rope)
+
     def find(self, at: float = 1.0) -> gx.analysis.EquilibriumResult:
         """Find the equilibrium under the loads of the time `at` [s]."""
         return self._search.find(at)
+
+    def find_tied(self) -> gx.analysis.EquilibriumResult:
+        """Find the equilibrium with the rope between the tips, if the kite has one: in steps, since
+        the state that a sudden pull leads to may be another one."""
+        last = self.kite.tip_rope
+        if last == 0:
+            return self.find()
+        for length in np.arange(SLACK_ROPE, last, -ROPE_STEP):
+            self.find(float(length))
+        return self.find(last)
+
+    def rope_force(self) -> float:
+        """Force [N] of the rope between the tips; 0 if there is none."""
+        stretch = self.distance(*self.kite.loaded[:2]) - self.kite.tip_rope
+        return ROPE_STIFFNESS * max(stretch, 0.0) if self.kite.tip_rope > 0 else 0.0
 
     def position(self, node: int) -> Array:
         """Present position [m] of a node of the kite."""
@@ -692,7 +728,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     rounds = 1 if quick else MAX_ITERATIONS
     for _ in range(rounds):
         hanging = Hanging(kite, comm)
-        effort.add(hanging.find())
+        effort.add(hanging.find_tied())
         if hanging.soften() < STIFFNESS_TOLERANCE:
             break
     lengths = []
@@ -704,6 +740,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         "unknowns": float(hanging.unknowns),
         "iterations": float(effort.iterations),
         "seconds": effort.seconds,
+        "rope force": hanging.rope_force(),
         "smallest share of bending stiffness": min(tube.share for tube in kite.tubes),
         "smallest share of torsional stiffness": min(tube.torsion for tube in kite.tubes),
     }

@@ -22,8 +22,8 @@ from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("thermal_strain", "width")
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"thermal_strain": "1", "width": "m"}
 
 # Cells along the span, an even number, so that there is a node in its middle; of order 2.
 CELLS = 40

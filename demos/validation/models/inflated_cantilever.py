@@ -40,8 +40,8 @@ from demos.validation.models.braided_tube import (
 )
 from gossamer_fx.extend import STATES, check
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("shear_stiffness",)
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"shear_stiffness": "N/m"}
 
 # Cells over half of the section.
 CELLS_AROUND = 12

@@ -26,8 +26,8 @@ QUICK_ELEMENTS = 8
 
 # Stiffnesses of a section that a test may give, with their units.
 STIFFNESSES = {"EA": "N", "GA2": "N", "GA3": "N", "EI2": "N m2", "EI3": "N m2", "GJ": "N m2"}
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("angle", "elements", *STIFFNESSES)
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"angle": "rad", "elements": "1", **STIFFNESSES}
 
 DENSITY = 1000.0  # [kg/m³]; it only paces the search for the equilibrium
 

@@ -26,8 +26,8 @@ from gossamer_fx.meshes.arrays import (
     triangles_of,
 )
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("node_force", "parts", "prestress")
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"node_force": "N", "parts": "1", "prestress": "Pa"}
 
 DENSITY = 1000.0  # [kg/m³]; it only paces the search for the equilibrium
 

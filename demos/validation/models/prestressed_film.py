@@ -23,8 +23,8 @@ from demos.validation.models.fabric_bulge import Bulge
 from gossamer_fx.extend import check
 from gossamer_fx.meshes.sheet import sheet
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("cells",)
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"cells": "1"}
 
 # Cells over half of the width, and the largest length of a cell over its width: fields change along
 # a long film near its short edges only.

@@ -27,8 +27,8 @@ from gossamer_fx.extend import check
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, triangles_of
 from gossamer_fx.meshes.line import line
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("bay_cells", "chord_cells")
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"bay_cells": "1", "chord_cells": "1"}
 
 # Cells of the skin from the leading to the trailing edge, on each side, and between two ribs.
 CHORD_CELLS = 10

@@ -31,8 +31,8 @@ from gossamer_fx import Mesh
 from gossamer_fx.extend import check
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
 
-# Numbers that a case may leave out.
-OPTIONAL_INPUTS = ("cell_of_fold", "cells_across")
+# Numbers that a case may leave out, with the unit in which they are set then.
+OPTIONAL_INPUTS = {"cell_of_fold": "1", "cells_across": "1"}
 
 # Half of the length over the width of the tape: four widths beyond, ends do not change the moment.
 HALF_LENGTH = 4.0
