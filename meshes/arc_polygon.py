@@ -14,7 +14,7 @@ from gossamer_fx import Mesh, gmsh_mesh
 from gossamer_fx.core.checks.errors import InputError, check, real_numbers
 from gossamer_fx.extend import Range, check_arguments
 
-from .arrays import Length, check_cells
+from .arrays import Length, Order, check_cells
 
 
 def arc_radius(chord: float, sag: float) -> float:
@@ -35,6 +35,7 @@ def arc_polygon(
     corners: Sequence[Sequence[float]],
     sag: Annotated[float, Range(0, 0.5)],
     size: Length,
+    order: Order = 1,
 ) -> Mesh:
     """Make a flat film in z = 0 whose edges are arcs that bend into it, between given corners.
 
@@ -46,6 +47,7 @@ def arc_polygon(
             of a sail.
         sag: depth of the arcs over their chords, 0 (straight) to ½.
         size: of the edges of triangles, about [m].
+        order: of the geometry, 1, or 2 with curved triangles at the arcs.
 
     Raises:
         InputError: fewer than three corners, corners that do not turn left, arcs that meet, no
@@ -94,5 +96,6 @@ def arc_polygon(
             model.addPhysicalGroup(1, [curve], name=f"edge {k}")
             model.addPhysicalGroup(0, [tag], name=f"corner {k}")
         model.mesh.generate(2)
+        model.mesh.setOrder(order)
 
     return gmsh_mesh(build, comm)

@@ -28,11 +28,18 @@ Order = Annotated[int, Range(1, 2)]
 # Kinds of elements in gmsh's numbering.
 GMSH_LINE = 1
 GMSH_TRIANGLE = 2
+GMSH_CURVED_TRIANGLE = 9
 GMSH_POINT = 15
 
 
+# Middle nodes (k, 3) [m] of curved edges, from their ends (k, 3) and (k, 3), which may be swapped.
+Middles = Callable[[Points, Points], Points]
+
+
 def mesh_of_arrays(
-    comm: MPI.Intracomm, arrays: Callable[[], tuple[Points, Numbers, Groups]]
+    comm: MPI.Intracomm,
+    arrays: Callable[[], tuple[Points, Numbers, Groups]],
+    middles: Middles | None = None,
 ) -> Mesh:
     """Make a mesh of given points and triangles, and distribute it; collective.
 
@@ -41,9 +48,13 @@ def mesh_of_arrays(
             from 0, and nodes of further groups than "film" by name: (1,) of a point, (k, 2) of the
             edges of a curve, (k, 3) of the triangles of a surface.  A triangle may be in several
             surfaces.
+        middles: called on rank 0 with the ends (k, 3) and (k, 3) [m] of edges; returns the middle
+            nodes (k, 3) [m] of curved edges.  With it triangles are of order 2, without it of
+            order 1, and plane.
 
     Raises:
-        InputError: `arrays` raises an error, or the mesh cannot be used, e.g. without triangles.
+        InputError: `arrays` raises an error, middle nodes are not k points, or the mesh cannot be
+            used, e.g. without triangles.
     """
 
     def build(model: Any) -> None:
@@ -80,8 +91,33 @@ def mesh_of_arrays(
                 (nodes + 1).ravel(),
             )
             model.addPhysicalGroup(dim, [entity], name=name)
+        if middles is not None:
+            model.mesh.setOrder(2)
+            _curve(model, middles)
 
     return gmsh_mesh(build, comm)
+
+
+def _curve(model: Any, middles: Middles) -> None:
+    """Move the middle nodes of the triangles of order 2, which gmsh puts between their corners."""
+    tags, coordinates, _ = model.mesh.getNodes()
+    position = np.empty((int(max(tags)) + 1, 3))
+    position[tags] = coordinates.reshape(-1, 3)
+    _, nodes = model.mesh.getElementsByType(GMSH_CURVED_TRIANGLE)
+    corners, between = np.split(nodes.reshape(-1, 6).astype(np.int64), 2, axis=1)
+    # The middle nodes follow the corners: of the edges 01, 12 and 20.
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
+    distinct, first = np.unique(between, return_index=True)
+    a, b = ends.reshape(-1, 2)[first].T
+    moved = real_numbers(middles(position[a], position[b]))
+    check(
+        moved is not None and moved.shape == (len(distinct), 3),
+        f"mesh_of_arrays: middles returned no array of {len(distinct)} points (k, 3); give one "
+        "point for each edge.",
+    )
+    assert moved is not None
+    for tag, x in zip(distinct.tolist(), moved, strict=True):
+        model.mesh.setNode(tag, x.tolist(), [])
 
 
 def add_triangles(model: Any, entity: int, points: Points, triangles: Numbers) -> None:

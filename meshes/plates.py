@@ -15,6 +15,8 @@ from gossamer_fx.extend import check_arguments
 from .arrays import (
     Cells,
     Length,
+    Middles,
+    Order,
     cell_corners,
     check_cells,
     mesh_of_arrays,
@@ -97,7 +99,12 @@ def leaning_sheet(
 
 @check_arguments
 def slit_ring(
-    comm: MPI.Intracomm, radial: Cells, around: Cells, inner: Length, outer: Length
+    comm: MPI.Intracomm,
+    radial: Cells,
+    around: Cells,
+    inner: Length,
+    outer: Length,
+    order: Order = 1,
 ) -> Mesh:
     """Make a flat ring about the origin, cut along the positive x axis, in cells of two triangles.
 
@@ -106,6 +113,7 @@ def slit_ring(
     Args:
         radial, around: numbers of cells along a radius and around.
         inner, outer: radii [m].
+        order: of the geometry, 1, or 2 with arcs around the axis.
 
     Raises:
         InputError: a radius is not positive, the inner one is not the smaller one, or there are no
@@ -122,11 +130,21 @@ def slit_ring(
     points = np.stack([r * np.cos(angle), r * np.sin(angle), 0 * r], axis=-1)
     ids = _ids(radial, around)
     lines = {"start": ids[:, 0], "end": ids[:, -1]}
-    return _mesh(comm, points, _triangles(ids, odd), lines)
+
+    def middles(a: Floats, b: Floats) -> Floats:
+        half_way = (a + b) / 2
+        radii = np.linalg.norm([a, b, half_way], axis=2)
+        is_arc = np.isclose(radii[0], radii[1], rtol=1e-9, atol=0.0)
+        return half_way * np.where(is_arc, radii[0] / radii[2], 1.0)[:, None]
+
+    curved = None if order == 1 else middles
+    return _mesh(comm, points, _triangles(ids, odd), lines, curved)
 
 
 @check_arguments
-def free_slit_ring(comm: MPI.Intracomm, size: Length, inner: Length, outer: Length) -> Mesh:
+def free_slit_ring(
+    comm: MPI.Intracomm, size: Length, inner: Length, outer: Length, order: Order = 1
+) -> Mesh:
     """Make the ring of `slit_ring`, cut along the positive x axis, in triangles that follow no
     direction.
 
@@ -135,6 +153,7 @@ def free_slit_ring(comm: MPI.Intracomm, size: Length, inner: Length, outer: Leng
     Args:
         size: of the edges of triangles, about [m].
         inner, outer: radii [m].
+        order: of the geometry, 1, or 2 with curved triangles at the arcs.
 
     Raises:
         InputError: a length is not positive, or the inner radius is not the smaller one.
@@ -173,6 +192,7 @@ def free_slit_ring(comm: MPI.Intracomm, size: Length, inner: Length, outer: Leng
         model.addPhysicalGroup(1, [start], name="start")
         model.addPhysicalGroup(1, [end], name="end")
         model.mesh.generate(2)
+        model.mesh.setOrder(order)
 
     return gmsh_mesh(build, comm)
 
@@ -229,10 +249,15 @@ def _triangles(ids: Integers, is_turned: npt.NDArray[np.bool_]) -> Integers:
 
 
 def _mesh(
-    comm: MPI.Intracomm, points: Floats, triangles: Integers, lines: dict[str, Integers]
+    comm: MPI.Intracomm,
+    points: Floats,
+    triangles: Integers,
+    lines: dict[str, Integers],
+    middles: Middles | None = None,
 ) -> Mesh:
     """Make a mesh of points (..., 3) [m], triangles (m, 3), and the nodes (k,) along each named
-    group of edges, by their numbers from 0, and distribute it; collective."""
+    group of edges, by their numbers from 0, and distribute it; `middles` as of `mesh_of_arrays`.
+    Collective."""
     flat = points.reshape(-1, 3)
     edges = {name: polyline(nodes) for name, nodes in lines.items()}
-    return mesh_of_arrays(comm, lambda: (flat, triangles, edges))
+    return mesh_of_arrays(comm, lambda: (flat, triangles, edges), middles)

@@ -1,14 +1,15 @@
 """Surfaces of revolution, of rings of nodes: torus, capped hull, dish, gored balloon, tube with
 bulkheads.
 
-Nodes are on the surface, so that area and volume have errors of second order in the size of cells.
+Nodes are on the surface, so that area and volume have errors of second order in the size of plane
+cells, and of fourth order in that of curved ones.
 Rings near an axis have fewer nodes than those far from it, so that cells are well shaped.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Annotated, NamedTuple
 
@@ -22,7 +23,9 @@ from .arrays import (
     Cells,
     Groups,
     Length,
+    Middles,
     Numbers,
+    Order,
     Points,
     check_cells,
     mesh_of_arrays,
@@ -115,6 +118,52 @@ def _strip(lower: Numbers, upper: Numbers) -> Numbers:
     return np.array(triangles)
 
 
+# Moves points at radii (k,) and heights (k,) [m] on the axis to the surface.
+Profile = Callable[[Points, Points], tuple[Points, Points]]
+
+
+def _middles(
+    order: int, profile: Profile, *, rim: float | None = None, about_x: bool = False
+) -> Middles | None:
+    """Middle nodes of edges on a surface of revolution, see `mesh_of_arrays`; None for order 1.
+
+    They are the points half-way, moved to the surface at the same angle.  Edges with both ends at
+    the radius `rim` [m] are arcs of a circle.
+    """
+    if order == 1:
+        return None
+
+    def middles(a: Points, b: Points) -> Points:
+        if about_x:
+            a, b = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+        half_way = (a + b) / 2
+        along = half_way[:, 2]
+        radius = np.hypot(half_way[:, 0], half_way[:, 1])
+        angle = np.arctan2(half_way[:, 1], half_way[:, 0])
+        if rim is not None:
+            out = np.minimum(np.hypot(a[:, 0], a[:, 1]), np.hypot(b[:, 0], b[:, 1]))
+            radius = np.where(np.isclose(out, rim, rtol=1e-9, atol=0.0), rim, radius)
+        radius, along = profile(radius, along)
+        found = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), along])
+        return np.roll(found, 1, axis=1) if about_x else found
+
+    return middles
+
+
+def _as_it_is(radius: Points, along: Points) -> tuple[Points, Points]:
+    """The profile of discs and cylinders: nothing but the rim is curved."""
+    return radius, along
+
+
+def _ellipse(
+    radius: Points, along: Points, semi_axes: tuple[float, float]
+) -> tuple[Points, Points]:
+    """Radii and heights moved from the middle of an ellipse to it; `semi_axes`: across and along
+    the axis [m]."""
+    factor = 1 / np.hypot(radius / semi_axes[0], along / semi_axes[1])
+    return radius * factor, along * factor
+
+
 def _disc(radius: float, height: float, cells: int) -> list[Ring]:
     """Rings of a flat disc of a radius [m] at a height [m], from its centre to its rim."""
     rings = [Ring(0.0, height, 1)]
@@ -130,6 +179,7 @@ def torus(
     tube_radius: Length,
     around: Annotated[int, Range(3)],
     around_tube: Cells,
+    order: Order = 1,
 ) -> Mesh:
     """Make a torus about the z axis; normals point outwards.
 
@@ -140,6 +190,7 @@ def torus(
         tube_radius: [m], the smaller one.
         around: edges along the torus, at least 3.
         around_tube: edges around the tube, rounded to a multiple of four of at least 4.
+        order: of the geometry, 1 for plane triangles or 2 for curved ones.
 
     Raises:
         InputError: a radius is not positive, the tube reaches the axis, or there are too few edges.
@@ -164,7 +215,11 @@ def torus(
         }
         return surface.points, triangles, circles
 
-    return mesh_of_arrays(comm, arrays)
+    def on_tube(out: Points, along: Points) -> tuple[Points, Points]:
+        across, along = _ellipse(out - radius, along, (tube_radius, tube_radius))
+        return radius + across, along
+
+    return mesh_of_arrays(comm, arrays, _middles(order, on_tube))
 
 
 @check_arguments
@@ -174,6 +229,7 @@ def hull(
     length: Length,
     cells: Cells,
     cap_height: Length | None = None,
+    order: Order = 1,
 ) -> Mesh:
     """Make a cylinder about the x axis from x = 0 to `length` that domes close; normals point
     outwards.
@@ -185,6 +241,7 @@ def hull(
         radius, length: of the cylinder [m].
         cells: edges from a pole to its rim; six times as many are around.
         cap_height: of the domes, half ellipsoids [m]; None: the radius, half spheres.
+        order: of the geometry, 1 for plane triangles or 2 for curved ones.
 
     Raises:
         InputError: a length is not positive, or there are no edges.
@@ -215,11 +272,19 @@ def hull(
         }
         return surface.points, np.concatenate(surface.strips), groups
 
-    return mesh_of_arrays(comm, arrays)
+    def on_hull(out: Points, along: Points) -> tuple[Points, Points]:
+        # Heights beyond the ends of the wall, where the domes are.
+        beyond = along - np.clip(along, 0.0, length)
+        in_dome, in_height = _ellipse(out, beyond, (radius, height))
+        return in_dome, along - beyond + in_height
+
+    return mesh_of_arrays(comm, arrays, _middles(order, on_hull, about_x=True))
 
 
 @check_arguments
-def dish(comm: MPI.Intracomm, radius: Length, focal_length: Length, cells: Cells) -> Mesh:
+def dish(
+    comm: MPI.Intracomm, radius: Length, focal_length: Length, cells: Cells, order: Order = 1
+) -> Mesh:
     """Make a paraboloid z = r²/(4 f) about the z axis; normals point to its focus.
 
     Groups: "film", "rim", the point "centre".  Collective.
@@ -228,17 +293,24 @@ def dish(comm: MPI.Intracomm, radius: Length, focal_length: Length, cells: Cells
         radius: of the rim [m].
         focal_length: f [m].
         cells: edges along a radius; six times as many are on the rim.
+        order: of the geometry, 1 for plane triangles or 2 for curved ones.
 
     Raises:
         InputError: a length is not positive, or there are no edges.
     """
     check_cells("dish", SECTORS * cells**2)
     flat = _disc(radius, 0.0, cells)
-    return _disc_mesh(comm, [Ring(r, r**2 / (4 * focal_length), n) for r, _, n in flat])
+    rings = [Ring(r, r**2 / (4 * focal_length), n) for r, _, n in flat]
+
+    def on_dish(out: Points, along: Points) -> tuple[Points, Points]:
+        height: Points = out**2 / (4 * focal_length)
+        return out, height
+
+    return _disc_mesh(comm, rings, _middles(order, on_dish, rim=radius))
 
 
 @check_arguments
-def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0) -> Mesh:
+def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0, order: Order = 1) -> Mesh:
     """Make a disc about the origin in z = 0 of rings of triangles, the k-th ring with 6k nodes on
     its circle.
 
@@ -247,15 +319,18 @@ def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0) -> Mesh:
     Args:
         cells: number of rings, at least 1.
         radius: [m].
+        order: of the geometry, 1, or 2 with arcs at the rim.
 
     Raises:
         InputError: there are no rings, or the radius is not positive.
     """
     check_cells("whole_disc", SECTORS * cells**2)
-    return _disc_mesh(comm, _disc(radius, 0.0, cells))
+    return _disc_mesh(comm, _disc(radius, 0.0, cells), _middles(order, _as_it_is, rim=radius))
 
 
-def _disc_mesh(comm: MPI.Intracomm, rings: list[Ring], *, about_x: bool = False) -> Mesh:
+def _disc_mesh(
+    comm: MPI.Intracomm, rings: list[Ring], middles: Middles | None, *, about_x: bool = False
+) -> Mesh:
     """A mesh of rings from a centre to a rim, with normals along the axis, and with the groups
     "rim" and "centre".  Collective."""
 
@@ -269,7 +344,7 @@ def _disc_mesh(comm: MPI.Intracomm, rings: list[Ring], *, about_x: bool = False)
             {"rim": surface.circle(-1), "centre": surface.rings[0]},
         )
 
-    return mesh_of_arrays(comm, arrays)
+    return mesh_of_arrays(comm, arrays, middles)
 
 
 @check_arguments
@@ -279,6 +354,7 @@ def balloon(
     gores: Annotated[int, Range(3)],
     cells: Cells,
     height: Length | None = None,
+    order: Order = 1,
 ) -> Mesh:
     """Make a closed ellipsoid about the z axis whose edges follow the seams of its gores; normals
     point outwards.
@@ -292,6 +368,7 @@ def balloon(
         gores: their number, at least 3.
         cells: edges across a gore at the equator.
         height: from pole to pole [m]; None: twice the radius, a sphere.
+        order: of the geometry, 1 for plane triangles or 2 for curved ones.
 
     Raises:
         InputError: a length is not positive, or there are too few gores or edges.
@@ -335,7 +412,10 @@ def balloon(
         groups["north pole"] = surface.rings[-1]
         return surface.points, triangles, groups
 
-    return mesh_of_arrays(comm, arrays)
+    def on_ellipsoid(out: Points, along: Points) -> tuple[Points, Points]:
+        return _ellipse(out, along, (radius, half_height))
+
+    return mesh_of_arrays(comm, arrays, _middles(order, on_ellipsoid))
 
 
 class BulkheadTube(NamedTuple):
@@ -359,6 +439,7 @@ def bulkhead_tube(
     length: Length,
     cells: Cells,
     compartments: Cells,
+    order: Order = 1,
 ) -> BulkheadTube:
     """Make a closed tube about the x axis from x = 0 to `length`, divided by flat bulkheads;
     normals of the tube point outwards, those of bulkheads along x.
@@ -371,6 +452,7 @@ def bulkhead_tube(
         radius, length: [m].
         cells: edges along the radius of a bulkhead; six times as many are around.
         compartments: of equal length; there is a bulkhead between each and the next.
+        order: of the geometry, 1 for plane triangles or 2 for curved ones.
 
     Raises:
         InputError: a length is not positive, or there are no edges or compartments.
@@ -401,9 +483,10 @@ def bulkhead_tube(
                 groups[f"ring {k}"] = surface.circle(start)
         return surface.points, np.concatenate(surface.strips), groups
 
-    tube = mesh_of_arrays(comm, wall)
+    middles = _middles(order, _as_it_is, rim=radius, about_x=True)
+    tube = mesh_of_arrays(comm, wall, middles)
     bulkheads = []
     for k in range(1, compartments):
         rings = _disc(radius, k * each, cells)
-        bulkheads.append(_disc_mesh(comm, rings, about_x=True))
+        bulkheads.append(_disc_mesh(comm, rings, middles, about_x=True))
     return BulkheadTube(tube, bulkheads)
