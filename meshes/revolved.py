@@ -303,7 +303,7 @@ def dish(
     rings = [Ring(r, r**2 / (4 * focal_length), n) for r, _, n in flat]
 
     def on_dish(out: Points, along: Points) -> tuple[Points, Points]:
-        height: Points = out**2 / (4 * focal_length)
+        height: Points = np.square(out) / (4 * focal_length)
         return out, height
 
     return _disc_mesh(comm, rings, _middles(order, on_dish, rim=radius))
