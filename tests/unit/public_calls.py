@@ -28,6 +28,11 @@ Call = dict[str, Any]
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "orbit.HeatBalance",
+    "orbit.AU",
+    "orbit.EARTH_J2",
+    "orbit.EARTH_MU",
+    "orbit.EARTH_RADIUS",
+    "reduction.ReducedMembrane",  # made by `reduce`
     "steppers.EndPoint",
     "analysis.BestSurface",
     "analysis.StressPeak",
@@ -309,6 +314,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("materials.NeoHooke", shear_modulus=1e5, density=950.0, thickness=1e-3)
     add("Elastica", **film_law, half_wavelength=0.01)
     add("orbit.Elements", a=7e6)
+    add("orbit.elements_of", r=(7e6, 0.0, 0.0), v=(0.0, 7.5e3, 0.0), mu=4e14)
     add("Equilibrium", scene=scene)
     add("orbit.ExponentialAtmosphere", density=1.0, altitude=1.0, scale_height=1.0)
     add("Fixed", body=beam, group="start", direction=(1.0, 0.0, 0.0), motion=lambda x, t: 0 * x)
