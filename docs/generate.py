@@ -39,13 +39,6 @@ SECTIONS = {
 CONTRACT = {"terms", "requires", "describe", "initial_state", "initialise", "start"}
 CONTRACT |= {"open", "record", "close", "cursor", "resume", "times", "writes", "coordinates"}
 CONTRACT |= {"reconstruct"}
-# public numbers, which have no docstring
-CONSTANTS = {
-    "orbit.AU": "Astronomical unit [m]",
-    "orbit.EARTH_J2": "Oblateness J2 of the Earth in EGM96",
-    "orbit.EARTH_MU": "Gravitational parameter [m³/s²] of the Earth in WGS 84",
-    "orbit.EARTH_RADIUS": "Equatorial radius [m] of the Earth in WGS 84",
-}
 ROOMS = {
     "mesh": "Meshes",
     "bodies": "Bodies: films, plates, cables, beams, rigid bodies",
@@ -236,8 +229,6 @@ def entry(name: str) -> str:
     namespace, _, short = f"gossamer_fx.{name}".rpartition(".")
     # by the name of its module Sphinx finds the code of an entry
     module = f":module: {namespace}\n\n"
-    if name in CONSTANTS:
-        return _directive("py:data", short, module + f"{CONSTANTS[name]}: {it:.10g}.")
     if not inspect.isclass(it):
         return _directive("py:function", short + signature(it), module + markdown(text))
     kind_of_class = "py:class"

@@ -10,7 +10,8 @@ Parts of a scene
     may be: `Body`, `Group`, `InitialCondition`, `Sampled`, `BringsScalarUnknowns` with
     `ScalarUnknowns` and `ScalarTotals`
     where bodies are: `State`, `InitialState`, `BodyState`
-    bodies, and what is attached to them: `MeshBody`, `Block`, `Port`, `Ground`, `Attached`
+    bodies, and what is attached to them: `MeshBody`, `Block`, `Port`, `Ground`, `Attached`; films
+    that `gx.reduction.reduce` has made are a `ReducedMembrane`
 General kinds of terms
     on meshes, in UFL (`Expr`, `constant`): `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`,
     `ViscousDissipation`, `Load`
@@ -56,6 +57,7 @@ Studies
     tables and pictures: `markdown_table`, `number_text`, `values_text`, `observed_order`,
     `ErrorCurve` with `draw_error_curves`
     what is measured: `relative_drift`, `FieldFunctions`, `AreaFractions`
+    constants of flight: `AU` [m], `EARTH_MU` [m³/s²], `EARTH_RADIUS` [m], `EARTH_J2`
 Checks
     `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `ask_points`,
     `InputError`, `errors_as_sentences` for programs; `check_arguments` with the marks `positive`,

@@ -15,6 +15,7 @@ from .analysis.cases.results import read_results as read_results
 from .analysis.cases.results import recorded_warnings as recorded_warnings
 from .analysis.cases.results import values_text as values_text
 from .analysis.cases.results import write_results as write_results
+from .analysis.reduction.reduced_membrane import ReducedMembrane as ReducedMembrane
 from .build.fold.folding import Folded as Folded
 from .build.fold.folding import Folding as Folding
 from .build.fold.polyline import Bent as Bent
@@ -104,6 +105,10 @@ from .mechanics.gas.openings import PassiveOpening as PassiveOpening
 from .mechanics.gas.openings import isentropic_flow as isentropic_flow
 from .mechanics.materials.film import FilmLaw as FilmLaw
 from .mechanics.materials.film import IsotropicFilm as IsotropicFilm
+from .mechanics.orbit.harmonics import EARTH_J2 as EARTH_J2
+from .mechanics.orbit.harmonics import EARTH_MU as EARTH_MU
+from .mechanics.orbit.harmonics import EARTH_RADIUS as EARTH_RADIUS
+from .mechanics.orbit.sky import AU as AU
 from .mechanics.terms.assembly import ActiveSet as ActiveSet
 from .mechanics.terms.assembly import Assembly as Assembly
 from .mechanics.terms.assembly import CompiledTerms as CompiledTerms

@@ -47,9 +47,8 @@ def save(figure: Figure, path: Path, title: str = "") -> None:
 def _uncover_curves(axes: Any) -> None:
     """Make room above the curves of axes for their legend, if it covers one of them."""
     legend = axes.get_legend()
-    figure = axes.figure
-    # The layout decides where both are.
-    figure.draw_without_rendering()
+    # The layout of the whole figure decides where both are; axes may be those of a part of it.
+    axes.figure.canvas.figure.draw_without_rendering()
     box = legend.get_window_extent()
     frame = axes.get_window_extent()
     curves = [line.get_transform().transform_path(line.get_path()) for line in axes.lines]

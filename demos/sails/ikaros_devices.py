@@ -57,7 +57,7 @@ from demos.orbit.windmill import (
     torque_of_light,
 )
 from demos.sails import ikaros
-from gossamer_fx.extend import Array, Output, Port
+from gossamer_fx.extend import AU, Array, Output, Port, ReducedMembrane
 from gossamer_fx.meshes.sails import trapezoids
 
 PITCH = 0.64  # between folds, and side of the squares that are devices [m]
@@ -416,7 +416,7 @@ def orbit_of_flight(sun_angle: float) -> gx.orbit.Orbit:
     """Round the Sun at the distance of June 2011; at the start light travels at `sun_angle` [rad]
     to z."""
     return round_the_sun(
-        gx.orbit.Elements(DISTANCE * gx.orbit.AU, i=math.pi / 2, perigee=math.pi / 2 + sun_angle)
+        gx.orbit.Elements(DISTANCE * AU, i=math.pi / 2, perigee=math.pi / 2 + sun_angle)
     )
 
 
@@ -456,7 +456,7 @@ def fly_plate(
         gx.Scene(film, hub, *items), gx.Midpoint(dt=period / steps), outputs=[series, *outputs]
     )
     of_reduced: dict[str, float] = {}
-    if isinstance(film, gx.reduction.ReducedMembrane):
+    if isinstance(film, ReducedMembrane):
         before = momentum_of_reduced(run, film, hub)
         run.run(until=turns * period)
         size, turned = change_of(before, momentum_of_reduced(run, film, hub))
@@ -502,9 +502,7 @@ def reduced_steady(
     return steady_spin
 
 
-def momentum_of_reduced(
-    run: gx.Simulation, film: gx.reduction.ReducedMembrane, hub: gx.RigidBody
-) -> Array:
+def momentum_of_reduced(run: gx.Simulation, film: ReducedMembrane, hub: gx.RigidBody) -> Array:
     """Angular momentum (3,) [N m s] of hub, reduced sail and tips about their centre of mass; that
     of the whole run has the orbit's in it."""
     # The coefficients of the modes are as points with the mass of the sail; only the first, that of

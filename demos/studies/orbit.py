@@ -34,7 +34,7 @@ from scipy.special import ellipk
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.orbit import EARTH_J2, EARTH_MU, EARTH_RADIUS, elements_of
+from gossamer_fx.extend import EARTH_J2, EARTH_MU, EARTH_RADIUS
 
 # Semi-major axis [m] of all orbits: 620 km above the Earth.
 A = 7e6
@@ -239,7 +239,7 @@ def _exact_drift(elements: gx.orbit.Elements, angle: str, times: np.ndarray) -> 
     )
     angles = []
     for y in solution.y.T:
-        angles.append(getattr(elements_of(y[:3], y[3:]), angle))
+        angles.append(getattr(gx.orbit.elements_of(y[:3], y[3:]), angle))
     return _slope(times, angles)
 
 

@@ -28,11 +28,6 @@ Call = dict[str, Any]
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "orbit.HeatBalance",
-    "orbit.AU",
-    "orbit.EARTH_J2",
-    "orbit.EARTH_MU",
-    "orbit.EARTH_RADIUS",
-    "reduction.ReducedMembrane",  # made by `reduce`
     "steppers.EndPoint",
     "analysis.BestSurface",
     "analysis.StressPeak",

@@ -47,7 +47,7 @@ def test_every_public_name_says_what_it_is(generate: ModuleType) -> None:
 
 def test_the_reference_has_every_public_name_once(generate: ModuleType) -> None:
     text = "\n".join(generate.reference().values())
-    entries = r"\{py:(?:class|function|exception|data)\} (\w+).*\n:module: ([\w.]+)"
+    entries = r"\{py:(?:class|function|exception)\} (\w+).*\n:module: ([\w.]+)"
     listed = [f"{module}.{name}" for name, module in re.findall(entries, text)]
     assert sorted(listed) == sorted(f"gossamer_fx.{name}" for name in public_names())
 

@@ -1,4 +1,3 @@
 from .basis import Snapshots as Snapshots
 from .outside_basis import OutsideBasis as OutsideBasis
-from .reduced_membrane import ReducedMembrane as ReducedMembrane
 from .reduced_membrane import reduce as reduce

@@ -86,14 +86,6 @@ class ReducedMembrane(Membrane):
         bending: of the modes of a plate, see `reduction.bending`; None of a film without it.
         outside: share of the initial shape that the modes do not represent, see `Basis.project`.
         port_nodes: global nodes of the film to which ports are attached.
-
-    Example:
-        >>> shapes = gx.reduction.Snapshots(film)
-        >>> scene = gx.Scene(film, gx.Fixed(film, "left"), gx.Gravity(film))
-        >>> gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[shapes]).run(until=5e-3)
-        >>> reduced = gx.reduction.reduce(film, [shapes], modes=2)
-        >>> isinstance(reduced, gx.reduction.ReducedMembrane)
-        True
     """
 
     def __init__(

@@ -3,16 +3,12 @@ from .drag import Drag as Drag
 from .drag import ExponentialAtmosphere as ExponentialAtmosphere
 from .elements import Elements as Elements
 from .elements import elements_of as elements_of
-from .harmonics import EARTH_J2 as EARTH_J2
-from .harmonics import EARTH_MU as EARTH_MU
-from .harmonics import EARTH_RADIUS as EARTH_RADIUS
 from .magnetic_dipole import MagneticDipole as MagneticDipole
 from .optics import Accommodation as Accommodation
 from .optics import Air as Air
 from .optics import Optics as Optics
 from .optics import Surface as Surface
 from .orbit import Orbit as Orbit
-from .sky import AU as AU
 from .solar_heating import HeatBalance as HeatBalance
 from .solar_heating import SolarHeating as SolarHeating
 from .solar_heating import ThermalProperties as ThermalProperties

@@ -133,10 +133,9 @@ def elements_of(
             (energy below 1e-14 μ/|r|).
 
     Example:
-        >>> speed = (gx.orbit.EARTH_MU / 7e6) ** 0.5
-        >>> circle = gx.orbit.elements_of((7e6, 0.0, 0.0), (0.0, speed, 0.0))
-        >>> round(circle.a), circle.e
-        (7000000, 0.0)
+        >>> position, velocity = gx.orbit.Elements(7e6, 0.1).state()
+        >>> round(gx.orbit.elements_of(position, velocity).e, 12)
+        0.1
     """
     r = np.asarray(r, dtype=float)
     v = np.asarray(v, dtype=float)
