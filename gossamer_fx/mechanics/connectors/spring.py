@@ -132,6 +132,17 @@ def natural_length(
     return length
 
 
+def check_length_or_tension(connector: Any) -> None:
+    """Raise `InputError` unless a connector has either a length or a tension at the start."""
+    length = connector.length
+    tension = connector.initial_tension
+    check(
+        (length is None) != (tension is None),
+        f"{type(connector).__name__} '{connector.name}': length is {length} and initial_tension is "
+        f"{tension}; give one of them.",
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class LengthConnector(Between):
     """A stiffness between two points, by its `law` in both directions or one."""
@@ -165,11 +176,7 @@ class TensionedConnector(LengthConnector):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            (self.length is None) != (self.initial_tension is None),
-            f"{type(self).__name__} '{self.name}': length is {self.length} and initial_tension is "
-            f"{self.initial_tension}; give one of them.",
-        )
+        check_length_or_tension(self)
 
     def natural_length(self, start: State) -> float:
         if self.initial_tension is None:

@@ -31,6 +31,7 @@ from gossamer_fx.mechanics.connectors.spring import (
     LENGTH,
     STIFFNESS,
     Stiffness,
+    check_length_or_tension,
     half_distance_squared,
     length_of,
     natural_length,
@@ -132,11 +133,7 @@ class Tether(LineBetween):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            (self.length is None) != (self.initial_tension is None),
-            f"Tether '{self.name}': length is {self.length} and initial_tension is "
-            f"{self.initial_tension}; give one of them.",
-        )
+        check_length_or_tension(self)
         if callable(self.length):
             check(
                 self.brake_force is None,

@@ -457,8 +457,8 @@ class PairStiffness:
         which carries the static pressure; else that which stops the closing speed.  All are
         proportional to the area for which a pair stands.  In a cell of order 2 one point, of the
         many between its nodes, has to stop the mass of a node: its area counts as often as there
-        are points to a node.  Without that the ball of `tests/contact/test_curved_cells.py` takes a
-        tenth more iterations, and fails where a cell has 144 pieces.
+        are points to a node.  Without that the ball of `contact/geometry/test_curved_cells.py`
+        takes a tenth more iterations, and fails where a cell has 144 pieces.
         `squared_distance`: of the closest points at x0 (n,); `reference_speed`: closing speed [m/s]
         that is assumed at least.
         """

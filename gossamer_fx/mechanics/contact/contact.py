@@ -396,8 +396,7 @@ class Contact(Item):
             f"Contact '{self.name}': the radius of '{body.name}' is {radius!r} m; give "
             f"radius={{'{body.name}': ...}}.",
         )
-        # Every rank knows its own facets.
-        # Those of order 2 are cut into pieces.
+        # Every rank knows its own facets; cells of order 2 are cut into pieces.
         facets = facets_of(body, least_piece_count(body))
         ends = facets.lines if is_line else facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2)
         lengths = np.linalg.norm(facets.X[ends[:, 0]] - facets.X[ends[:, 1]], axis=1)

@@ -283,7 +283,7 @@ class ContactSet:
         # complete.
         self._selection: Selection | None = None
         self._closest = math.inf
-        self._curvature_is_told = False
+        self._has_warned_of_curvature = False
         self._turns = LargeTurns(mesh, activation_distance, system)
         # Energy [J] of the accepted state, with `history.restored` of the time at which it was
         # computed: another number means that it is not that of the present history.
@@ -357,13 +357,13 @@ class ContactSet:
     def _check_curvature(self, points: Int32Array) -> None:
         """Warn once if a curved surface of order 2 is too far from the flat pieces as which it
         touches; collective.  `points`: of the pairs (n, 4) that have energy."""
-        if self._curvature_is_told or max(self.mesh.piece_counts) == 1:
+        if self._has_warned_of_curvature or max(self.mesh.piece_counts) == 1:
             return
         distances = self.mesh.distances_from_pieces(self.accepted.x)[points]
         farthest = self.mesh.comm.allreduce(float(distances.max(initial=0.0)), op=MPI.MAX)
         if farthest <= ALLOWED_DISTANCE * self.activation_distance:
             return
-        self._curvature_is_told = True
+        self._has_warned_of_curvature = True
         if self.mesh.comm.rank == 0:
             LOG.warning(
                 "Contact between %s: where it presses, a curved surface of order 2 is up to %.2g m "

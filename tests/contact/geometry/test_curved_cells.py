@@ -67,7 +67,7 @@ def test_the_curved_surface_of_a_ball_stays_above_the_floor(comm, caplog) -> Non
     assert "from the flat pieces as which it touches" not in caplog.text
 
 
-def test_a_surface_that_is_too_curved_for_its_pieces_is_told(caplog) -> None:
+def test_a_surface_that_is_too_curved_for_its_pieces_is_warned_of(caplog) -> None:
     ball_on_floor(MPI.COMM_SELF, 6)
     assert "'ball', 'obstacle': where it presses, a curved surface of order 2 is" in caplog.text
 
