@@ -677,6 +677,10 @@ def method_calls(inputs: Inputs) -> dict[str, tuple[Callable[..., Any], Call]]:
         "gores.seams": (gores.seams, {"film": sewn}),
         "form.closest": (form.closest, {"points": np.zeros((1, 3))}),
         "form.by_planes": (form.by_planes, {"points": [[0.5, 0.5, 0.0]], "normal": (1, 0, 0)}),
+        "form.geodesics": (
+            form.geodesics,
+            {"starts": [[0.2, 0.0, 0.0]], "ends": [[0.3, 1.0, 0.0]]},
+        ),
         "form.along": (form.along, {"points": [[0.2, 0.0, 0.0], [0.3, 1.0, 0.0]]}),
         "form.cut": (form.cut, {"lines": form.by_planes([[0.5, 0, 0]], (1, 0, 0))}),
         "strips.flatten": (strips.flatten, {"law": film.law, "tension": 10.0}),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.build.patterns.closest import barycentric
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 from tests.pattern_shapes import CYLINDER, grid, surface_of
 
@@ -21,6 +22,14 @@ def test_closest_points_of_a_square_are_the_clipped_ones():
     assert on.distance == pytest.approx(np.linalg.norm(given - exact, axis=1))
     corners = form.points[form.triangles[on.triangle]]
     assert np.einsum("nk,nkc->nc", on.weights, corners) == pytest.approx(exact, abs=1e-12)
+
+
+def test_the_corners_of_triangles_are_closest_to_themselves():
+    """They are as far from the centre of the largest triangle as any point of it, or, by round-off,
+    farther."""
+    for corners in np.random.default_rng(0).normal(size=(50, 3, 3)):
+        on = gx.patterns.surface((corners, [[0, 1, 2]])).closest(corners)
+        assert on.distance == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.mpi
@@ -173,6 +182,99 @@ def test_lines_off_the_surface_are_refused():
         form.by_planes([[0, 0, 0.5]], (0, 0, 0))
 
 
+@pytest.mark.parametrize("facets", [16, 40])
+def test_geodesics_of_a_cylinder_are_helices(facets):
+    """Of the polygonal one, which can be unfolded: straight lines there, in all digits."""
+    form = surface_of(CYLINDER, facets, facets)
+    at_start = np.array([[0.125, 0.0], [0.0, 0.03], [1.0, 1.0]])
+    at_end = np.array([[0.75, 1.0], [1.0, 0.98], [0.0, 0.0]])
+
+    def on_cylinder(at):
+        return np.stack([np.cos(np.pi * at[:, 0]), np.sin(np.pi * at[:, 0]), at[:, 1]], axis=1)
+
+    def unfolded(points):
+        facet = np.arctan2(points[:, 1], points[:, 0]) * facets / np.pi
+        facet = np.clip(np.floor(facet), 0, facets - 1)
+        edge = np.stack([np.cos(facet * np.pi / facets), np.sin(facet * np.pi / facets)], axis=1)
+        chord = 2 * np.sin(np.pi / facets / 2)
+        across = facet * chord + np.linalg.norm(points[:, :2] - edge, axis=1)
+        return np.stack([across, points[:, 2]], axis=1)
+
+    for line in form.geodesics(on_cylinder(at_start), on_cylinder(at_end)):
+        flat = unfolded(line.points)
+        way = flat[-1] - flat[0]
+        assert line.length == pytest.approx(np.linalg.norm(way), rel=1e-12)
+        off = (flat - flat[0]) @ [-way[1], way[0]]
+        assert off == pytest.approx(0.0, abs=1e-12)
+
+
+def patch(u, v):
+    """A part of the unit sphere between the longitudes and latitudes ±1.1 and ±1.2."""
+    longitude = 2.2 * (u - 0.5)
+    latitude = 2.4 * (v - 0.5)
+    return (
+        np.cos(longitude) * np.cos(latitude),
+        np.sin(longitude) * np.cos(latitude),
+        np.sin(latitude),
+    )
+
+
+def test_geodesics_of_a_sphere_are_great_circles():
+    """Lengths of the second order, h²/24 for chords h; lines of the first or better."""
+    errors = []
+    offsets = []
+    start = np.array(patch(0.25, 0.125))
+    end = np.array(patch(0.875, 0.75))
+    normal = np.cross(start, end)
+    for cells in (16, 32):
+        (line,) = surface_of(patch, cells, cells).geodesics([start], [end])
+        errors.append(1 - line.length / np.arccos(start @ end))
+        offsets.append(np.abs(line.points @ normal).max() / np.linalg.norm(normal))
+    assert errors[0] == pytest.approx(4 * errors[1], rel=0.1)
+    assert 0 < errors[1] < 1e-3
+    assert offsets[1] < offsets[0] / 2 < 5e-3
+
+
+def test_a_geodesic_is_a_taut_thread_wherever_it_begins():
+    """On random hills: as long from its other end, connected, and in its triangles."""
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        hills = 0.02 * rng.normal(size=(9, 9))
+        form = surface_of(lambda u, v, z=hills: (u, v, z), 8, 8)
+        ends = form.points[rng.permutation(len(form.points))[:12]].reshape(2, 6, 3)
+        ahead = form.geodesics(*ends)
+        for line, back in zip(ahead, form.geodesics(ends[1], ends[0]), strict=True):
+            assert line.length == pytest.approx(back.length, rel=1e-9)
+            assert np.array_equal(line.ends[:-1], line.starts[1:])
+            corners = form.points[form.triangles[line.triangles]]
+            for points in (line.starts, line.ends):
+                weights = barycentric(corners, points)
+                assert weights.min() > -1e-9
+                assert np.einsum("nk,nkc->nc", weights, corners) == pytest.approx(points, abs=1e-9)
+
+
+def test_a_geodesic_goes_round_corners_of_the_rim_and_stays_on_its_part():
+    """Of an L: along both of its arms, past the inner corner."""
+    points, triangles = grid(lambda u, v: (u, v, 0 * u), 10, 10)
+    inside = points[triangles].mean(axis=1)[:, :2].max(axis=1) < 0.5
+    arms = (points[triangles].mean(axis=1)[:, :2] < 0.5).any(axis=1)
+    form = gx.patterns.surface((points, triangles[arms]))
+    (line,) = form.geodesics([[0.93, 0.31, 0]], [[0.27, 0.88, 0]])
+    exact = np.hypot(0.43, 0.19) + np.hypot(0.23, 0.38)
+    assert line.length == pytest.approx(exact, rel=1e-12)
+    strips = form.cut([line])
+    assert sum(strip.area for strip in strips) == pytest.approx(0.75, rel=1e-12)
+    apart = gx.patterns.surface((points, triangles[inside | ~arms]))
+    with pytest.raises(gx.InputError, match="not connected"):
+        apart.geodesics([[0.2, 0.2, 0]], [[0.8, 0.8, 0]])
+    with pytest.raises(gx.InputError, match="are one point"):
+        form.geodesics([[0.2, 0.2, 0]], [[0.2, 0.2, 0]])
+    with pytest.raises(gx.InputError, match="2 starts and 1 ends"):
+        form.geodesics([[0.2, 0.2, 0]] * 2, [[0.2, 0.2, 0]])
+    with pytest.raises(gx.InputError, match="start 1 is"):
+        form.geodesics([[0.2, 0.2, 1]], [[0.2, 0.2, 0]])
+
+
 def side_lengths(mesh, points):
     return np.linalg.norm(np.diff(mesh.points[points], axis=0), axis=1)
 
@@ -210,6 +312,24 @@ def test_lines_may_cross_each_other_and_end_inside():
     # The ends of a slit are not cut.
     assert seam.left[0] == seam.right[0] and seam.left[-1] == seam.right[-1]
     assert not set(seam.left[1:-1]) & set(seam.right[1:-1])
+
+
+def test_many_lines_may_cross_in_one_point():
+    """As the seams of gores do; inside of a triangle, on a side and at a corner of the mesh."""
+    points, triangles = grid(lambda u, v: (u - 0.5, v - 0.5, 0 * u), 7, 6)
+    form = gx.patterns.surface((points, triangles))
+    angle = np.pi * np.arange(9) / 9
+    normals = np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+    for centre in ([0.01, 0.02, 0], [0.1, 0, 0], [-1 / 14, 1 / 6, 0]):
+        strips = form.cut(form.by_planes(np.tile(centre, (9, 1)), normals))
+        assert len(strips) == len(strips.seams) == 18
+        assert sum(strip.area for strip in strips) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_surface_is_printed_in_one_line():
+    assert repr(surface_of(CYLINDER, 4, 2)) == (
+        "<FormSurface of 16 triangles, 15 points, 3.061 m²; groups: none>"
+    )
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e-3, 1e-5, 1e-7, 1e-10])

@@ -43,7 +43,8 @@ def closest_points(points: Array, triangles: Numbers, given: Array) -> ClosestPo
     used = np.unique(triangles)
     upper_bound, _ = KDTree(points[used]).query(given)
     tree = KDTree(centres)
-    radius = upper_bound * (1 + 1e-9) + float(reach.max())
+    # With round-off, as the corners of the largest triangle are just this far from its centre.
+    radius = (upper_bound + float(reach.max())) * (1 + 1e-9)
     candidates = tree.query_ball_point(given, radius, return_sorted=True)
     counts = np.array([len(found) for found in candidates])
     triangle = np.zeros(len(given), dtype=np.int64)

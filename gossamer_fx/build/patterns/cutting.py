@@ -264,12 +264,16 @@ class _Cutter:
                 return goal
             u = self.points[j] - self.points[at]
             v = self.points[k] - self.points[at]
-            # Sines of the angles from u to the direction and from there to v
+            # Sines of the angles from u to the direction and from there to v, times its length
+            length_u = float(np.linalg.norm(u))
+            length_v = float(np.linalg.norm(v))
             from_u = float(np.cross(u, direction) @ normal)
             to_v = float(np.cross(direction, v) @ normal)
-            ahead = float((u + v) @ direction)
-            inside = min(from_u / float(np.linalg.norm(u)), to_v / float(np.linalg.norm(v)))
-            if ahead > 0 and inside > best[0]:
+            inside = min(from_u / length_u, to_v / length_v)
+            # Of thin triangles both sines are small, also backwards.  Where the angle is nearly π,
+            # its middle is across, and the direction may be along u or v.
+            ahead = float((u / length_u + v / length_v) @ direction)
+            if ahead > -SNAP * float(np.linalg.norm(direction)) and inside > best[0]:
                 best = (inside, j, k, from_u, to_v)
         _, j, k, from_u, to_v = best
         fraction = min(max(from_u / (from_u + to_v), 0.0), 1.0)

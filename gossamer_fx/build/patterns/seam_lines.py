@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.build.patterns.closest import Numbers, barycentric
+from gossamer_fx.build.patterns.closest import ClosestPoints, Numbers, barycentric
 from gossamer_fx.build.patterns.triangulation import Triangulation, as_list, as_rows
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
@@ -170,10 +170,10 @@ def _line_of(chain: list[int], cut: PlaneSection) -> list[SeamLine]:
     triangles = np.array(chain, dtype=np.int64)
     starts = cut.crossings[triangles, cut.enters[triangles]]
     ends = cut.crossings[triangles, cut.leaves[triangles]]
-    return _without_points(triangles, starts, ends)
+    return without_points(triangles, starts, ends)
 
 
-def _without_points(triangles: Numbers, starts: Array, ends: Array) -> list[SeamLine]:
+def without_points(triangles: Numbers, starts: Array, ends: Array) -> list[SeamLine]:
     """A line without its segments of no length; none if no segment is left."""
     is_long = (starts != ends).any(axis=1)
     if not is_long.any():
@@ -181,16 +181,22 @@ def _without_points(triangles: Numbers, starts: Array, ends: Array) -> list[Seam
     return [SeamLine(triangles[is_long], starts[is_long], ends[is_long])]
 
 
-def line_through(surface: Triangulation, neighbours: Neighbours, given: Array) -> SeamLine:
-    """The line through points (n, 3) [m], which are moved to the closest ones of the surface."""
-    size = surface.extent
+def points_on(surface: Triangulation, given: Array, what: str) -> ClosestPoints:
+    """The points of a surface that are closest to given ones (n, 3) [m], which are near it."""
     on = surface.closest(given)
     farthest = int(on.distance.argmax())
     check(
-        float(on.distance[farthest]) <= FAR * size,
-        f"FormSurface.along: point {farthest + 1} is {on.distance[farthest]:.3g} m away from the "
-        "surface; give points on it.",
+        float(on.distance[farthest]) <= FAR * surface.extent,
+        f"{what} {farthest + 1} is {on.distance[farthest]:.3g} m away from the surface; "
+        "give points on it.",
     )
+    return on
+
+
+def line_through(surface: Triangulation, neighbours: Neighbours, given: Array) -> SeamLine:
+    """The line through points (n, 3) [m], which are moved to the closest ones of the surface."""
+    size = surface.extent
+    on = points_on(surface, given, "FormSurface.along: point")
     triangles: list[int] = []
     points: list[Array] = [on.points[0]]
     for k in range(len(given) - 1):
@@ -211,7 +217,7 @@ def line_through(surface: Triangulation, neighbours: Neighbours, given: Array) -
     ends = np.array(points[1:])
     lines = []
     if triangles:
-        lines = _without_points(np.array(triangles), np.array(points[:-1]), ends)
+        lines = without_points(np.array(triangles), np.array(points[:-1]), ends)
     check(bool(lines), "FormSurface.along: all points are one; give points of a line.")
     return lines[0]
 

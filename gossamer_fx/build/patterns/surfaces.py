@@ -20,11 +20,13 @@ from mpi4py import MPI
 
 from gossamer_fx.build.patterns.closest import Numbers
 from gossamer_fx.build.patterns.cutting import cut_surface
+from gossamer_fx.build.patterns.geodesics import SurfaceGraph, geodesic, graph_of
 from gossamer_fx.build.patterns.seam_lines import (
     Neighbours,
     SeamLine,
     line_through,
     neighbours_of,
+    points_on,
     section,
     section_lines,
 )
@@ -73,7 +75,7 @@ CAD_FILES = (".step", ".stp", ".iges", ".igs", ".brep")
 
 
 @check_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FormSurface(Triangulation):
     """The form that a film shall have, as a triangulated surface; made by `surface`,
     `height_surface` or `read_surface`.
@@ -156,6 +158,54 @@ class FormSurface(Triangulation):
         return line_through(self, self._neighbours, given)
 
     @check_arguments
+    def geodesics(self, starts: npt.ArrayLike, ends: npt.ArrayLike) -> list[SeamLine]:
+        """The shortest lines on the surface between pairs of points, e.g. for seams.
+
+        Each point is moved to the closest one of the surface.  A geodesic is the straightest line:
+        a strip between two of them has the straightest edges when it is flat.  If there are several
+        ways, e.g. on both sides of a hill, it is the shortest one nearby; give it in parts, with a
+        point between them, to have another one.
+
+        Args:
+            starts: a point (n, 3) [m] at the start of each line.
+            ends: a point (n, 3) [m] at its end.
+
+        Raises:
+            InputError: there are not as many ends as starts, a point is far from the surface, both
+                points of a line are one, or the surface does not connect them.
+
+        Example:
+            >>> points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+            >>> square = gx.patterns.surface((points, [[0, 1, 2], [0, 2, 3]]))
+            >>> (line,) = square.geodesics([[0.0, 0.4, 0.0]], [[1.0, 0.7, 0.0]])
+            >>> round(line.length, 4)
+            1.044
+        """
+        given = rows_of_points("FormSurface.geodesics", starts)
+        given_ends = rows_of_points("FormSurface.geodesics", ends)
+        check(
+            len(given) == len(given_ends),
+            f"FormSurface.geodesics: there are {len(given)} starts and {len(given_ends)} ends; "
+            "give as many.",
+        )
+        from_points = points_on(self, given, "FormSurface.geodesics: start")
+        to_points = points_on(self, given_ends, "FormSurface.geodesics: end")
+        lines = []
+        for k in range(len(given)):
+            line = geodesic(
+                self._graph,
+                triangles=(int(from_points.triangle[k]), int(to_points.triangle[k])),
+                weights=(from_points.weights[k], to_points.weights[k]),
+            )
+            if line is None:
+                raise InputError(
+                    f"FormSurface.geodesics: start {k + 1} and end {k + 1} are one point, or are "
+                    "on parts of the surface that are not connected."
+                )
+            lines.append(line)
+        return lines
+
+    @check_arguments
     def cut(self, lines: Sequence[SeamLine]) -> Strips:
         """Cut the surface along lines; both sides of a cut have the same points.
 
@@ -176,6 +226,11 @@ class FormSurface(Triangulation):
         """
         check(len(lines) > 0, "FormSurface.cut: there are no lines; give one or more.")
         return Strips(self, cut_surface(self, lines))
+
+    @cached_property
+    def _graph(self) -> SurfaceGraph:
+        """What geodesics need."""
+        return graph_of(self, self._neighbours)
 
     @cached_property
     def _neighbours(self) -> Neighbours:
