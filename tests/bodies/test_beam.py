@@ -172,10 +172,27 @@ def test_thrown_beam_conserves() -> None:
                 gx.sections.solid_circle(0.1, E=1e9, nu=0.3, density=1e3),
                 normal=(1, 0, 0),
             ),
-            "is along the beam",
+            "its normal .* is along the beam .* give another direction",
         ),
     ],
 )
 def test_bad_beams_are_refused(make, words: str) -> None:
     with pytest.raises(gx.InputError, match=words):
         make()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("corners", "normal"),
+    [
+        ([(0, 0, 0), (1, 0, 0)], (0, 0, 1)),
+        ([(0, 0, 0), (0, 0, 1)], (1, 0, 0)),
+        ([(0, 0, 0), (0, 0, 2), (2, 0, 2)], (0, 1, 0)),
+    ],
+    ids=["along x", "upright", "portal"],
+)
+def test_the_default_normal_is_an_axis_across_the_beam(comm, corners, normal):
+    section = gx.sections.rectangle(0.01, 0.02, E=1e9, nu=0.3, density=1e3)
+    beam = gx.Beam(line(comm, corners, 4), section)
+    d2 = beam.stress_free(np.arange(beam.block.index_map.size_local))[:, 1]
+    assert d2 == pytest.approx(np.tile(normal, (len(d2), 1)))

@@ -846,3 +846,28 @@ def test_a_load_that_depends_on_velocities_needs_its_derivatives():
     ends = [energy(braked(DerivedResistance(), 1.0 + sign * δ)[0]) for sign in (1, -1)]
     difference = (ends[0] - ends[1]) / (2 * δ)
     assert found["mass.initial_velocity"].values[0] == pytest.approx(difference, rel=1e-7)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["film", "beam", "mass"])
+def test_what_falls_depends_on_gravity_by_half_of_the_square_of_time(comm, kind):
+    """x = g t²/2, also of masses that are attached to a body."""
+    if kind == "mass":
+        body = gx.PointMass(0.3, comm=comm, name="body")
+        port = body.port()
+        extra = []
+    else:
+        if kind == "film":
+            body = gx.Membrane(sheet(comm, 2, 2), gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4))
+            port = body.port("top right")
+        else:
+            section = gx.sections.solid_circle(0.01, E=1e9, nu=0.3, density=1e3)
+            body = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 2), section)
+            port = body.port("end")
+        extra = [gx.connectors.AttachedMass(port, 0.2, name="sensor")]
+    weight = gx.Gravity(body, (0.0, 0.0, -2.0), name="weight")
+    run = gx.Simulation(gx.Scene(weight, *extra), gx.Midpoint(dt=0.05))
+    tape = gx.analysis.RunTape(run)
+    run.run(until=0.2)
+    found = gx.analysis.gradient(tape, of=gx.probes.Position(port, "z"), by=["weight.g"])
+    assert found["weight.g"].values == pytest.approx([0, 0, 0.02], abs=1e-9)

@@ -156,6 +156,49 @@ def test_what_joins_two_films_measures_the_mesh_of_both(make):
         gx.analysis.gradient(equilibrium, of=height, by=["other.shape"])
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("way", ["seam", "tie", "tape"])
+def test_what_is_joined_node_to_node_stays_so(comm, way):
+    """Derivatives by the nodes of a seam, of panels that are sewn or tied node to node, and with a
+    tape of given lengths: as differences of the scene whose nodes are moved."""
+    film = gx.Membrane(sheet(comm, 4, 4, crossed=True), LAW, name="film")
+    other = gx.Membrane(
+        sheet(comm, 4, 2, 1.0, 0.5),
+        LAW,
+        name="other",
+        displacement=lambda X: np.stack([0 * X[0], 0 * X[0] + 1.0, 0 * X[0]]),
+    )
+    items = [gx.Fixed(film, "left"), gx.Fixed(film, "right"), gx.Pressure(film, 20.0)]
+    if way == "tape":
+        cord = gx.TensionOnly(EA=2e3, line_density=1e-3)
+        measured = gx.connectors.Tape.along_edges(film, cord, edges="top", length_factor=0.995)
+        tape = gx.connectors.Tape(film, cord, bars=measured.bars, lengths=measured.lengths)
+        items.append(tape)
+    else:
+        items.append(gx.Fixed(other, "top"))
+        if way == "seam":
+            items.append(gx.Seam(film, "top", other, "bottom", closing=None))
+        else:
+            items.append(gx.Tie(film, other, group_a="top", group_b="bottom"))
+    equilibrium = gx.Equilibrium(gx.Scene(*items))
+    equilibrium.find()
+    height = gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")
+    derivative = gx.analysis.gradient(equilibrium, of=height, by=["film.shape"])["film.shape"]
+    nodes = film.space.tabulate_dof_coordinates()[: len(derivative.values) // 3]
+    own = float((derivative.values.reshape(-1, 3) * moves(nodes)).sum())
+    found = comm.allreduce(own)
+    x = film.space.mesh.geometry.x
+    X = x.copy()
+    ends = []
+    for h in (STEP, -STEP):
+        x[:] = X + h * moves(X)
+        equilibrium.system.parameters_changed()
+        equilibrium.find()
+        ends.append(height(equilibrium))
+    x[:] = X
+    assert found == pytest.approx((ends[0] - ends[1]) / (2 * STEP), rel=1e-4)
+
+
 def test_a_cable_on_a_film_is_measured_by_the_tie(comm):
     equilibrium, film = bulged(comm, tie, 0.0)
     height = gx.probes.Position(middle(film), "z")

@@ -265,6 +265,26 @@ def test_slack_film_has_no_frequencies_that_can_be_trusted(comm, caplog):
     assert "2 of 2 frequencies are zero within round-off" in caplog.text
 
 
+@pytest.mark.mpi
+def test_zero_frequencies_name_the_part_that_moves(comm, caplog):
+    """A mast on a ball that a clamped one holds by a rope turns about its axis."""
+    section = gx.sections.tube(0.02, 1e-3, E=70e9, nu=0.3, density=2700.0)
+    post = gx.Beam(line(comm, [(0, 0, 0), (0, 0, 2)], 2), section, name="post")
+    mast = gx.Beam(line(comm, [(2, 0, 0), (2, 0, 2)], 2), section, name="mast")
+    ball = gx.constraints.BallJoint(mast.port("start"), gx.Ground((2, 0, 0)))
+    ends = {"rope": post.port("end"), "left guy": gx.Ground((3, 1, 0))}
+    ends["right guy"] = gx.Ground((3, -1, 0))
+    ropes = [
+        gx.connectors.Rope(mast.port("end"), b, stiffness=1e4, initial_tension=50.0, name=name)
+        for name, b in ends.items()
+    ]
+    equilibrium = at_rest(gx.Fixed(post, "start", rotation=True), ball, *ropes)
+    caplog.clear()
+    modes(equilibrium, 1)
+    if comm.rank == 0:
+        assert "as 'mast' has no stiffness against them" in caplog.text
+
+
 def test_film_in_contact(comm):
     """A sheet that lies on the ground vibrates across it by the stiffness of contact alone."""
     law = gx.Linear(E, NU, density=1400.0, thickness=THICKNESS)

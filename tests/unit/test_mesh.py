@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
@@ -507,3 +508,25 @@ def test_a_crash_of_gmsh_ends_its_process_alone() -> None:
     assert "the mesh" in done.stdout
     assert done.returncode == 0
     assert "MPI_ABORT" not in done.stderr and "PETSC ERROR" not in done.stderr
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_mesh_that_is_moved_is_the_same_elsewhere(comm, order):
+    """Areas and groups are those of the mesh, and the points are turned and shifted."""
+    mesh = disc.ring(comm, 0.5, 1.0, 1, 8, order=order)
+    moved = mesh.moved(to=(1.0, 2.0, 3.0), x=(0.0, 0.0, 5.0), y=(2.0, 0.0, 0.0))
+    x, y, z = mesh.domain.geometry.x.T
+    assert moved.domain.geometry.x == pytest.approx(np.array([1 + y, 2 + 0 * z, 3 + x]).T)
+    assert moved.groups == mesh.groups
+    area = fem.assemble_scalar(fem.form(1.0 * ufl.dx(mesh.domain)))
+    assert fem.assemble_scalar(fem.form(1.0 * ufl.dx(moved.domain))) == pytest.approx(area)
+    film = Membrane(moved, LAW, order=order)
+    assert film.port_at((1.0, 2.0, 4.0), snap=True).initial() == pytest.approx([1, 2, 4])
+
+
+def test_a_mesh_is_not_moved_to_axes_that_are_skew(comm):
+    with pytest.raises(InputError, match="at a right angle, and are at 45°"):
+        sheet(comm, 1, 1).moved(x=(1.0, 1.0, 0.0))
+    with pytest.raises(InputError, match="not zero"):
+        sheet(comm, 1, 1).moved(y=(0.0, 0.0, 0.0))

@@ -334,19 +334,14 @@ class StaticGradients(StaticAdjoint):
 
     def _add_mass_parts(self, objective: Objective) -> None:
         """Add Σ w·∂M/∂θ v of a result that depends on masses.  Collective."""
-        parts = objective.mass_parts(self._system)
-        for variable in self.variables:
-            check(
-                not (parts and variable.changes_mass),
-                f"gradient: '{variable.name}' changes a mass, whose derivative is not known; leave "
-                f"it out, as the {type(objective).__name__} depends on it.",
-            )
-        for v, weights in parts:
+        for v, weights in objective.mass_parts(self._system):
             self._adjoint.set(weights)
             self._adjoint.set_inertia(v)
             for variable in self.variables:
                 if isinstance(variable, FormVariable):
                     variable.sum += variable.inertia_derivative()
+                elif isinstance(variable, PointVariable):
+                    variable.add_inertia(v, weights)
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
         """The direct derivatives ∂J/∂θ of a result J by each variable θ, as forms that are compiled

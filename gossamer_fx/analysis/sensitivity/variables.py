@@ -228,8 +228,6 @@ class Variable(ABC):
     name: str
     unit: str
     is_distributed: bool
-    # Whether masses depend on it whose derivatives are not known.
-    changes_mass = False
 
     def __init__(self, name: str, unit: str, is_distributed: bool, size: int) -> None:
         self.name = name
@@ -270,10 +268,16 @@ class FormVariable(Variable):
     """A coefficient of forms: a constant, a field, or the stress-free positions of mesh nodes."""
 
     def __init__(
-        self, name: str, unit: str, coefficients: Sequence[Coefficient], adjoint: AdjointFields
+        self,
+        name: str,
+        unit: str,
+        coefficients: Sequence[Coefficient],
+        adjoint: AdjointFields,
+        points: PointVariable | None = None,
     ) -> None:
         """Compile the derivatives of the forces by each of the coefficients, which all have the
-        same values."""
+        same values; `points` are numbers of terms between points with these values, too, as the
+        weight of a film also acts on masses that are attached to it."""
         first = coefficients[0]
         is_constant = isinstance(first, fem.Constant)
         super().__init__(name, unit, not is_constant, size_of(first))
@@ -282,6 +286,7 @@ class FormVariable(Variable):
         forces = adjoint.residual_forms()
         self._forces = [FormDerivative(forces, one) for one in coefficients]
         self._inertia: list[FormDerivative] | None = None
+        self._points = points
 
     def get(self) -> Array:
         first = self.coefficients[0]
@@ -300,12 +305,18 @@ class FormVariable(Variable):
             else:
                 one.x.array[: len(values)] = values
                 one.x.scatter_forward()
+        if self._points is not None:
+            self._points.set(values)
 
     def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
         for derivative in self._forces:
             self.sum -= derivative.assemble()
         if with_inertia:
             self.sum -= self.inertia_derivative()
+        if self._points is not None:
+            self._points.start()
+            self._points.add_residual(μ, with_inertia)
+            self.sum += self._points.sum
 
     def inertia_derivative(self) -> Array:
         """∂(μ·M z)/∂θ (k,) of the vectors that the adjoint fields have; compiled at the first
@@ -336,7 +347,6 @@ class PointVariable(Variable):
         is one number or vector of all terms, or has an entry for each term, e.g. each spring of an
         item; the variable has the values of all entries, one after the other."""
         self._uses = uses
-        self.changes_mass = any(parameter.changes_mass for _, _, parameter in uses)
         entries = [parameter.entry or 0 for _, _, parameter in uses]
         compiled, term, first = uses[0]
         self._width = len(compiled.get_number(term, str(first.source)))
@@ -361,6 +371,12 @@ class PointVariable(Variable):
         for compiled, term, parameter in self._uses:
             work = compiled.work_by_number(term, str(parameter.source), μ)
             self.sum[self._part(parameter)] -= work
+
+    def add_inertia(self, v: PETSc.Vec, w: PETSc.Vec) -> None:
+        """Add w·∂M/∂θ v of the masses of its terms, this rank's share.  Collective."""
+        for compiled, term, parameter in self._uses:
+            work = compiled.inertia_by_number(term, str(parameter.source), v, w)
+            self.sum[self._part(parameter)] += work
 
     def add_by_number(self, derivative: Callable[[Any, Any, str], float]) -> None:
         """Add the derivatives of a result by the numbers of its terms, this rank's share, each from
@@ -554,14 +570,16 @@ def _find(
     )
     unit = found[0][1].unit
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}
-    if coefficients:
-        return FormVariable(name, unit, list(coefficients.values()), adjoint)
     uses: list[tuple[Any, Any, Parameter]] = []
     for term, parameter in found:
-        of_kind: list[Any] = system.equations.compiled_as(term.compiler)
-        compiled = next(one for one in of_kind if one.has(term))
-        uses.append((compiled, term, parameter))
-    return PointVariable(name, unit, uses)
+        if isinstance(parameter.source, str):
+            of_kind: list[Any] = system.equations.compiled_as(term.compiler)
+            compiled = next(one for one in of_kind if one.has(term))
+            uses.append((compiled, term, parameter))
+    if not coefficients:
+        return PointVariable(name, unit, uses)
+    points = PointVariable(name, unit, uses) if uses else None
+    return FormVariable(name, unit, list(coefficients.values()), adjoint, points)
 
 
 def _refuse_measured_start(system: System, name: str, body: Body) -> None:
@@ -618,11 +636,12 @@ def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) ->
                 f"so that there is no derivative by '{name}'; leave it out of the scene."
             )
     for item in system.unknowns.items:
-        measures = isinstance(item, MeasuresMesh) and any(one is body for one in item.requires())
+        if not (isinstance(item, MeasuresMesh) and any(one is body for one in item.requires())):
+            continue
         check(
-            not measures,
+            not item.depends_on_mesh(system.unknowns.terms_of(item), system.unknowns.time),
             f"gradient: '{getattr(item, 'name', type(item).__name__)}' has numbers that were "
             f"measured on the mesh when it was made, so that there is no derivative by '{name}'; "
-            "leave it out of the scene.",
+            f"{item.without_mesh}.",
         )
     return FormVariable(name, "m", [MeshNodes(body.space.mesh)], adjoint)

@@ -101,6 +101,9 @@ EQUAL_SQUARES = 1e-8
 # Ratio of the eigenvalues of a Gram matrix below which its vectors count as dependent.
 DEPENDENT = 1e-8
 
+# Share of the kinetic energy of a mode from which on a body is named as one that moves in it.
+MOVING_SHARE = 0.1
+
 # Pseudo-step [s] in which dampers do not resist.
 LONG_PSEUDO_STEP = 1e12
 
@@ -250,7 +253,7 @@ def modes(
         )
 
     nearest = sorted(found, key=lambda mode: _distance(mode, ω))[:count]
-    _warn_of_zeros(equilibrium, nearest, least)
+    _warn_of_zeros(equilibrium, nearest, least, M)
     if not any(spin):
         nearest = _orthogonal(nearest, M, least)
     masses = ModalMasses(system, M)
@@ -385,17 +388,26 @@ def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) 
     return min(squares, default=0.0)
 
 
-def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
+def _warn_of_zeros(
+    equilibrium: Equilibrium, found: Sequence[Mode], least: float, M: PETSc.Mat
+) -> None:
     """Warn of frequencies whose squares are up to `ZERO_FREQUENCY_FACTOR` times `least` [rad²/s²],
-    which is round-off, unless the equilibrium is regular: slack film and free motions have them."""
+    which is round-off, unless the equilibrium is regular: slack film and free motions have them.
+    Collective."""
     result = equilibrium.result
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
-    zeros = sum(mode.frequency <= limit for mode in found)
+    zeros = [mode for mode in found if mode.frequency <= limit]
     if not zeros or equilibrium.is_known_regular:
         return
+    moved = _bodies_that_move(equilibrium.system, zeros, M)
     if equilibrium.comm.rank == 0:
-        reason = "film is slack"
+        names = " and ".join(f"'{name}'" for name in moved)
+        verb = "have" if len(moved) > 1 else "has"
+        reason = (
+            f"{names} {verb} no stiffness against them: slack film, or a turn or a slide that "
+            "nothing holds"
+        )
         if result.slack:
             reason = f"what is held is slack against {listed(result.slack)}"
         if result.free:
@@ -404,11 +416,31 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
             "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; "
             "prestress the film, give it a residual stiffness, "
             "hold what is free, or ask for those near a higher frequency (`above`).",
-            zeros,
+            len(zeros),
             len(found),
             limit,
             reason,
         )
+
+
+def _bodies_that_move(system: System, found: Sequence[Mode], M: PETSc.Mat) -> list[str]:
+    """Names of the bodies with a share of at least `MOVING_SHARE` of the kinetic energy of one of
+    the modes.  Collective."""
+    vector = M.createVecRight()
+    product = M.createVecLeft()
+    own = np.zeros((len(found), len(system.unknowns.bodies)))
+    for m, mode in enumerate(found):
+        for part in (mode.shape.real, mode.shape.imag):
+            vector.array[:] = part
+            M.mult(vector, product)
+            energies = part * product.array_r
+            for k, body in enumerate(system.unknowns.bodies):
+                own[m, k] += energies[system.unknowns.block(body).owned].sum()
+    energies_of_bodies = M.comm.tompi4py().allreduce(own)
+    shares = energies_of_bodies / energies_of_bodies.sum(axis=1, keepdims=True)
+    is_moving = (shares >= MOVING_SHARE).any(axis=0)
+    bodies = zip(system.unknowns.bodies, is_moving, strict=True)
+    return [body.name for body, moves in bodies if moves]
 
 
 def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:

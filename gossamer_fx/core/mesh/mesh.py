@@ -18,7 +18,13 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
-from gossamer_fx.core.forms.backend import SHEETS_MAY_MEET, VERSION, distribute, gmsh_order
+from gossamer_fx.core.forms.backend import (
+    SHEETS_MAY_MEET,
+    VERSION,
+    distribute,
+    gmsh_order,
+    with_points,
+)
 from gossamer_fx.core.mesh.edges import EdgeTable, edges_of
 from gossamer_fx.core.mesh.geometry_files import check_what_gmsh_reads
 from gossamer_fx.core.mesh.gmsh_reader import (
@@ -36,6 +42,9 @@ LOGGER = logging.getLogger("gossamer_fx")
 # Parts of a mesh that share no edges: dolfinx takes 5 s for them, and four times as long for twice
 # as many.
 _MAX_PARTS = 30_000
+
+# Directions that differ from a right angle by less, as typed with nine digits, are at one.
+MAX_COSINE = 1e-8
 
 
 @check_arguments
@@ -156,6 +165,51 @@ class Mesh:
         from gossamer_fx.core.mesh.enclosed_volume import enclosed_by
 
         return enclosed_by(self.domain, self.edges).volume
+
+    @check_arguments
+    def moved(
+        self,
+        *,
+        to: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        x: tuple[float, float, float] = (1.0, 0.0, 0.0),
+        y: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    ) -> Mesh:
+        """The mesh, shifted and turned as a rigid body, with the same groups.  Collective.
+
+        A ready mesh is made about the origin; the scene may need it elsewhere, e.g. a sheet that
+        stands on its edge.  This mesh stays as it is.
+
+        Args:
+            to: where the origin of this mesh comes to lie [m].
+            x: direction of its x axis afterwards, of any length.
+            y: direction of its y axis, at a right angle to `x`.
+
+        Raises:
+            InputError: a direction is zero, or they are not at a right angle.
+
+        Example:
+            >>> import gossamer_fx as gx
+            >>> from gossamer_fx.meshes.sheet import sheet
+            >>> from mpi4py import MPI
+            >>> upright = sheet(MPI.COMM_SELF, 4, 4).moved(to=(0.0, 0.0, 2.0), y=(0.0, 0.0, 1.0))
+            >>> float(upright.domain.geometry.x[:, 2].max())
+            3.0
+        """
+        lengths = np.linalg.norm([x, y], axis=1)
+        check(
+            bool(lengths.all()),
+            f"moved: x and y must be directions that are not zero, got {x} and {y}.",
+        )
+        first, second = np.array([x, y]) / lengths[:, None]
+        cosine = float(first @ second)
+        angle = float(np.degrees(np.arccos(cosine)))
+        check(
+            abs(cosine) < MAX_COSINE,
+            f"moved: x and y must be at a right angle, and are at {angle:.4g}°; a mesh moves as a "
+            "rigid body.",
+        )
+        axes = np.array([first, second, np.cross(first, second)])
+        return Mesh(with_points(self.domain, to + self.domain.geometry.x @ axes), dict(self.groups))
 
     def curve(self, name: str, user: str) -> npt.NDArray[np.int32]:
         """Return the local numbers (n,) of edges, owned and ghost, of a named group of curves, in

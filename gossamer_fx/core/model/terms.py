@@ -16,7 +16,7 @@ user.  Each kind names the class that compiles all terms of the kind in a scene,
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -35,11 +35,22 @@ class Term(Protocol):
 
 class MeasuresMesh(Item, ABC):
     """Base of items whose numbers are measured on the meshes of their bodies when they are made,
-    such as the lengths of a tape: a result has no derivative by the shape of these bodies."""
+    such as the lengths of a tape: a result has no derivative by the shape of these bodies.
+
+    Attributes:
+        without_mesh: what to do to have one, for messages.
+    """
+
+    without_mesh: ClassVar[str] = "leave it out of the scene"
 
     @abstractmethod
     def requires(self) -> Iterable[Item]:
         """The bodies that are measured."""
+
+    def depends_on_mesh(self, terms: Sequence[Term], t: float) -> bool:
+        """Whether the terms that it has in a scene have numbers at a time t [s] that other meshes
+        would change.  Collective."""
+        return True
 
 
 class MeasuresStart(Item, ABC):
@@ -85,7 +96,7 @@ class Parameter:
         unit: SI unit; empty for a pure number.
         source: the coefficient of the forms, or the key of the number.
         entry: position in the item's list of such numbers; None if the item has one number.
-        changes_mass: whether masses depend on it whose derivatives are not known.
+        changes_mass: whether masses of points depend on it, by which a run has no derivative.
     """
 
     name: str

@@ -10,10 +10,11 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import Mesh as DolfinxMesh
+from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check_on_all
+from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr, beam_strain, beam_strain_change
 from gossamer_fx.core.mesh.mesh import Mesh
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 # Sine of the angle between the given normal and the beam, below which the normal counts as parallel
 # to it: the direction of the section would be round-off.
 PARALLEL = 1e-6
+# Directions for the section, in the order in which they are tried.
+AXES: tuple[Vector, ...] = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 @check_arguments
@@ -55,7 +58,8 @@ class Beam(Curve):
     Args:
         mesh: line elements in space, straight or curved: the stress-free shape.
         section: stiffness and inertia, e.g. `tube(...)`.
-        normal: direction of d2, made normal to the beam; it must not be along the beam.
+        normal: direction of d2, made normal to the beam; it must not be along the beam.  Default:
+            that of z; of x if the beam is along z somewhere; of y if it is along x somewhere, too.
         thermal: thermal expansion along the beam, with its temperature; default none.
         initial_tension: axial force N0 [N] of the beam in the shape of its mesh, negative for
             compression: a number; {group: number} of curves of the mesh, elsewhere none; or a
@@ -85,7 +89,7 @@ class Beam(Curve):
         mesh: Mesh | DolfinxMesh,
         section: Section,
         *,
-        normal: Vector = (0.0, 0.0, 1.0),
+        normal: Vector | None = None,
         thermal: ThermalExpansion | None = None,
         initial_tension: Numbers | None = None,
         initial_strain: Numbers | None = None,
@@ -98,17 +102,17 @@ class Beam(Curve):
         self._take_expansion(thermal)
         self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self._frames: dict[int, Frame] = {}
-        # A restart compares this argument, see `outputs.output`.
-        self._normal = tuple(normal)
         self._take_prestress(initial_tension, initial_strain)
-        self._reference = self._stress_free(np.asarray(normal, dtype=float))
+        tangents = self._tangents()
+        direction = self._direction_across(tangents, normal)
+        # A restart compares this argument, see `outputs.output`.
+        self._normal = tuple(direction)
+        self._reference = self._stress_free(tangents, np.asarray(direction, dtype=float))
 
-    def _stress_free(self, normal: Array) -> fem.Function:
-        """Positions [m] of the mesh and directors d2 and d3 (unit vectors) at each node, as a
-        function with 9 numbers a node, ghosts included. d2 is the part of `normal` (3,) across the
-        mean tangent at the node. Collective."""
+    def _tangents(self) -> Array:
+        """Mean unit tangents (n, 3) at the nodes, ghosts included.  Collective."""
         # J (3,): derivative of the positions by the coordinate of the reference cell; w: test
-        # function; t (n, 3): unit tangents at the nodes; q: the result.
+        # function; t: tangents at the nodes.
         J = ufl.Jacobian(self.mesh.domain)[:, 0]
         w = ufl.TestFunction(self.space)
         tangent = J / ufl.sqrt(ufl.dot(J, J))
@@ -118,20 +122,31 @@ class Beam(Curve):
         mean.scatter_reverse(la.InsertMode.add)
         mean.scatter_forward()
         t = mean.array.reshape(-1, 9)[:, :3]
-        t = t / np.linalg.norm(t, axis=1, keepdims=True)
-        # The part of the normal in the section; the user gives one vector for all of a bent beam.
-        d2 = normal - (t @ normal)[:, None] * t
-        length = np.linalg.norm(d2, axis=1, keepdims=True)
-        check_on_all(
-            self.comm,
-            bool((length > PARALLEL * np.linalg.norm(normal)).all()),
-            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; "
-            "choose another direction.",
+        return np.asarray(t / np.linalg.norm(t, axis=1, keepdims=True))
+
+    def _direction_across(self, tangents: Array, normal: Vector | None) -> Vector:
+        """The direction of d2 that is given, or else the first of z, x, y that is nowhere along the
+        tangents (n, 3).  Collective.  `InputError`: a direction that is given is along the beam."""
+        for direction in AXES if normal is None else (normal,):
+            across = np.linalg.norm(np.cross(tangents, direction), axis=1)
+            own = bool((across > PARALLEL * np.linalg.norm(direction)).all())
+            if self.comm.allreduce(own, op=MPI.LAND):
+                return direction
+        text = "each of the axes" if normal is None else f"its normal {list(map(float, normal))}"
+        raise InputError(
+            f"Beam '{self.name}': {text} is along the beam somewhere; give another direction as "
+            "normal, e.g. normal=(1.0, 1.0, 1.0)."
         )
-        d2 = d2 / length
+
+    def _stress_free(self, tangents: Array, normal: Array) -> fem.Function:
+        """Positions [m] of the mesh and directors d2 and d3 (unit vectors) at each node, as a
+        function with 9 numbers a node, ghosts included. d2 is the part of `normal` (3,) across the
+        tangents (n, 3), one vector for all of a bent beam.  Collective."""
+        d2 = normal - (tangents @ normal)[:, None] * tangents
+        d2 = d2 / np.linalg.norm(d2, axis=1, keepdims=True)
         q = fem.Function(self.space)
         x = self.space.tabulate_dof_coordinates()
-        q.x.array[:] = np.hstack([x, d2, np.cross(t, d2)]).ravel()
+        q.x.array[:] = np.hstack([x, d2, np.cross(tangents, d2)]).ravel()
         return q
 
     def stress_free(self, nodes: Indices) -> Array:

@@ -526,4 +526,10 @@ class AttachedMass(Item):
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield AttachedKineticEnergy([(self.port,)], np.full((1, 1, 1), self.mass))
+        mass = Parameter("mass", "kg", "mass", changes_mass=True)
+        yield AttachedKineticEnergy(
+            [(self.port,)],
+            np.full((1, 1, 1), self.mass),
+            numbers={"mass": self.mass},
+            parameters=(mass,),
+        )

@@ -36,6 +36,7 @@ Tension = Annotated[float, not_negative("N")]
 
 EA = Parameter("EA", "N", "EA")
 LENGTH_SCALE = Parameter("length_scale", "", "length_scale", changes_mass=True)
+LINE_DENSITY = Parameter("line_density", "kg/m", "line_density", changes_mass=True)
 
 
 def linear_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
@@ -277,7 +278,12 @@ class Tape(OnBody, DrawnAsLines):
         L = np.asarray(self.lengths)
         # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
-        yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
+        yield AttachedKineticEnergy(
+            self.bars,
+            law.line_density * L[:, None, None] * consistent,
+            numbers={"line_density": law.line_density, "length_scale": 1.0},
+            parameters=(LINE_DENSITY, LENGTH_SCALE),
+        )
         # e = ε = ½|(x_b - x_a)/L|² - ½
         vectors = [(_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, L**-2, strict=True)]
         measure = PointMeasure(
@@ -346,3 +352,7 @@ def _stretch(a: Port, b: Port, square: float) -> Port:
 class MeasuredTape(Tape, MeasuresMesh):
     """A tape whose natural lengths were measured on the mesh, by `Tape.along_edges` or
     `Tape.through`; those of a `Tape` itself are given numbers."""
+
+    without_mesh = (
+        "give its lengths as numbers, Tape(body, law, bars=tape.bars, lengths=tape.lengths)"
+    )

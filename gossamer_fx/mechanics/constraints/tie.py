@@ -27,7 +27,7 @@ Algorithm.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -47,10 +47,22 @@ from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, SewnEdges, aligned
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.constraints.joint import COINCIDE, coincidence
+from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
 # Distance of a point from the end of a segment, over the length of the segment, below which it
 # counts as the end, and depends on one node only.
 NODE = 1e-9
+
+
+def have_points_between_nodes(terms: Iterable[Term], comm: MPI.Intracomm) -> bool:
+    """Whether a tie holds a node at a point between two others, whose fraction depends on the
+    meshes; what is tied node to node does not.  Collective."""
+    own = False
+    for term in terms:
+        assert isinstance(term, PointConstraint)
+        ports = [port for pair in term.measure.ports for port in pair if isinstance(port, Port)]
+        own |= any(len(port.nodes) > 1 for port in ports)
+    return bool(comm.allreduce(own, op=MPI.LOR))
 
 
 @check_arguments
@@ -123,6 +135,9 @@ class Tie(MeasuresMesh):
 
     def terms(self, start: State) -> Iterable[Term]:
         yield coincidence(self.name, *self._pairs(start))
+
+    def depends_on_mesh(self, terms: Sequence[Term], t: float) -> bool:
+        return have_points_between_nodes(terms, self.a.comm)
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
         """This rank's nodes of the first line, each with its point of the second line, as ports.
@@ -342,6 +357,10 @@ class Seam(MeasuresMesh, MeasuresStart, SewnEdges):
         # Where seams meet, their constraints repeat each other; that is meant.
         joined = coincidence(self.name, *self._pairs(start))
         yield replace(joined, closing=closing, may_repeat=True)
+
+    def depends_on_mesh(self, terms: Sequence[Term], t: float) -> bool:
+        # An open seam has the gap of the start.
+        return self.openness(t) > 0 or have_points_between_nodes(terms, self.a.comm)
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
         """Nodes of the edge with more nodes, each with its point of the other edge by the fraction

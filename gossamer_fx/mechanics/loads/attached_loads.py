@@ -17,14 +17,24 @@ from gossamer_fx.core.algebra.point_measures import (
     evaluated_here,
     translation_weight,
 )
-from gossamer_fx.core.model.body import Array, Body, MeshBody
+from gossamer_fx.core.model.body import Array, Body
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
     Compiler,
     Differentiable,
 )
-from gossamer_fx.mechanics.terms.rows import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.rows import AttachedKineticEnergy, AttachedMasses
+
+# The number of a load by which results can be derived.
+ACCELERATION = "acceleration"
+
+
+def _of_vectors(mass: Array) -> Array:
+    """Masses (n, k, k) [kg] of k points as matrices (n, 3k, 3k) by their components."""
+    n, k, _ = mass.shape
+    return np.einsum("nij,ab->niajb", mass, np.eye(3)).reshape(n, 3 * k, 3 * k)
 
 
 class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
@@ -37,10 +47,14 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
+        # New accelerations a of loads, by the identity of the term.
+        self._accelerations: dict[int, Array] = {}
         # For each pair of a load and a kinetic energy with masses on its body, in the symbols of
-        # `_add`: the load and the weights of positions in the ports (n, k); P, offsets, M and A;
-        # global indices of the unknowns of P; and a.
+        # `_add`: the load and the weights of positions in the ports (n, k); the kinetic energy and
+        # which ports are on the body (n, k); P, offsets, M and A; global indices of the unknowns of
+        # P; and a.
         self._loads: list[tuple[AttachedLoad, Array]] = []
+        self._attached: list[tuple[AttachedKineticEnergy, Array]] = []
         self._masses: list[tuple[Array, Array, Array, Array]] = []
         self._indices: list[GlobalIndices] = []
         self._constant: list[Array] = []
@@ -74,17 +88,23 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         # A tuple may have ports of several bodies; the load acts on those of this one.
         is_on_body = np.array([[port.body is term.body for port in ports] for ports in tuples])
         is_on_body = is_on_body.reshape(n, k)
-        M = np.einsum("nij,ab->niajb", masses.mass[own], np.eye(3))
-        M = M.reshape(n, 3 * k, 3 * k)
+        M = _of_vectors(masses.mass[own])
         A = np.einsum("nj,ij,ab->niajb", is_on_body * 1.0, np.eye(k), term.gradient)
         A = A.reshape(n, 3 * k, 3 * k)
-        # a + A (x - c) = (a - A c) + A x
-        at_origin = term.acceleration - term.gradient @ term.centre
-        a = ((is_on_body * points)[:, :, None] * at_origin).reshape(n, 3 * k)
         self._loads.append((term, points))
+        self._attached.append((masses, is_on_body))
         self._masses.append((P, o, M, A))
         self._indices.append(indices)
-        self._constant.append(a)
+        self._constant.append(self._acceleration(len(self._loads) - 1))
+
+    def _acceleration(self, pair: int) -> Array:
+        """a (n, 3k) [m/s²] of a pair of a load and a kinetic energy."""
+        term, points = self._loads[pair]
+        _, is_on_body = self._attached[pair]
+        # a + A (x - c) = (a - A c) + A x
+        at_origin = self.get_number(term, ACCELERATION) - term.gradient @ term.centre
+        n, k = points.shape
+        return ((is_on_body * points)[:, :, None] * at_origin).reshape(n, 3 * k)
 
     def _vectors(self, q: PETSc.Vec) -> list[Array]:
         """Attached vectors (n, 3k) of each term at unknowns q.  Collective."""
@@ -130,13 +150,46 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
                 K = -α * np.einsum("nax,nab,nbc,ncy->nxy", P, M, gradient, P, optimize=True)
                 add_blocks(A, indices, indices, K)
 
-    def without_gradient(self) -> str:
-        # A number of such a load, e.g. g of the weight of a film, changes these forces, too; only
-        # the forms of the film are derived by it.
-        for term, _ in self._loads:
-            if isinstance(term.body, MeshBody):
-                return f"'{term.name}' acts on masses attached to its body; leave them out"
-        return ""
+    def get_number(self, term: AttachedLoad, key: str) -> Array:
+        return self._accelerations.get(id(term), term.acceleration)
+
+    def set_number(self, term: AttachedLoad, key: str, value: Array) -> None:
+        self._accelerations[id(term)] = np.array(value, dtype=float)
+        for pair, (load, _) in enumerate(self._loads):
+            if load is term:
+                self._constant[pair] = self._acceleration(pair)
+
+    def work_by_number(self, term: AttachedLoad, key: str, w: PETSc.Vec) -> Array:
+        works = np.zeros(3)
+        pairs = zip(self._loads, self._attached, self._masses, self._along(w), strict=True)
+        for (load, points), (_, is_on_body), (_, _, M, _), along in pairs:
+            if load is term:
+                force = np.einsum("nab,na->nb", M, along).reshape(*points.shape, 3)
+                works -= np.einsum("nk,nki->i", is_on_body * points, force)
+        return works
+
+    def work_on_masses(self, masses: AttachedKineticEnergy, w: PETSc.Vec) -> float:
+        work = 0.0
+        pairs = zip(self._attached, self._forces(), self._along(w), strict=True)
+        for (attached, _), (_, F), along in pairs:
+            if attached is masses:
+                work -= float(np.sum(F * along))
+        return work
+
+    def _along(self, w: PETSc.Vec) -> list[Array]:
+        """Displacements (n, 3k) of the attached vectors of each pair, under displacements w of the
+        unknowns.  Collective."""
+        if self._gather is None:
+            return []
+        pairs = zip(self._masses, self._gather(w), strict=True)
+        return [np.einsum("nax,nx->na", P, values) for (P, _, _, _), values in pairs]
+
+    def masses_changed(self) -> None:
+        kinds = [one for one in self._system.compiled if isinstance(one, AttachedMasses)]
+        for pair, (masses, _) in enumerate(self._attached):
+            P, o, _, A = self._masses[pair]
+            own = evaluated_here(masses.ports)
+            self._masses[pair] = P, o, _of_vectors(kinds[0].mass_of(masses)[own]), A
 
     def supplied(self) -> float:
         """Work [J] of the forces in the step, this rank's share.  Collective."""
@@ -159,11 +212,12 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 @dataclass(frozen=True, eq=False)
 class AttachedLoad:
     """Acceleration a + A (x - c) of a body's masses at points, also of those that other parts
-    attach to it: a, c (3,), A (3, 3)."""
+    attach to it: a, c (3,), A (3, 3).  `parameters` may name `ACCELERATION`, a."""
 
     name: str
     body: Body
     acceleration: Array
     gradient: Array
     centre: Array
+    parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = AttachedLoads

@@ -21,7 +21,7 @@ from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.loads.attached_loads import AttachedLoad
+from gossamer_fx.mechanics.loads.attached_loads import ACCELERATION, AttachedLoad
 from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler
 from gossamer_fx.mechanics.terms.loads import Load, Loads, at_rate, rate_of
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
@@ -63,27 +63,28 @@ class Gravity(OnBody):
                 yield self._on_mesh(part)
         # Masses that other items attach are not among the terms of the body; the system knows them.
         # Acceleration of gravity (3,) [m/s²]
-        g = np.asarray(self.g, dtype=float)
-        yield AttachedLoad(self.name, self.body, g, np.zeros((3, 3)), np.zeros(3))
+        yield AttachedLoad(
+            self.name,
+            self.body,
+            acceleration=np.asarray(self.g, dtype=float),
+            gradient=np.zeros((3, 3)),
+            centre=np.zeros(3),
+            parameters=(Parameter("g", "m/s²", ACCELERATION),),
+        )
 
     def _on_mesh(self, part: KineticEnergy) -> Term:
         """Return the weight of a mass of a mesh: the body's mass form applied to g [m/s²]."""
-        size = part.body.block.size
-        # Directors of a beam are directions: a uniform acceleration does not turn them.
-        on_directors = (0.0,) * (size - 3)
-        # g (3,) [m/s²] is the acceleration of gravity; w below are test functions.
-        g = tuple(float(c) for c in self.g)
-        # A constant, so that another g needs no new kernel.
-        acceleration = fem.Constant(part.body.space.mesh, g + on_directors)
+        # Acceleration of gravity (3,) [m/s²]: a constant, so that another one needs no new kernel.
+        g = fem.Constant(part.body.space.mesh, tuple(float(c) for c in self.g))
+        # Directors of a beam are directions: a uniform acceleration does not turn them.  UFL wants
+        # components of one kind: a plain 0 would be of another.
+        on_directors = [0 * g[0]] * (part.body.block.size - 3)
+        acceleration = ufl.as_vector([g[0], g[1], g[2], *on_directors])
 
         def work(q: Expr, w: Expr) -> ufl.Form:
             return part.mass(acceleration, w)
 
-        # The acceleration of a beam has entries for its directors, too; those are not parameters.
-        parameters: tuple[Parameter, ...] = ()
-        if size == 3:
-            parameters = (Parameter("g", "m/s²", acceleration),)
-        return Load(self.name, part.body, work, parameters=parameters)
+        return Load(self.name, part.body, work, parameters=(Parameter("g", "m/s²", g),))
 
 
 @check_arguments

@@ -512,7 +512,16 @@ class Differentiable:
         """∂ψ/∂number (k,) of its stored energy at q1; this rank's share.  Zero for loads."""
         return np.zeros(len(self.get_number(term, key)))
 
+    def inertia_by_number(self, term: Any, key: str, v: PETSc.Vec, w: PETSc.Vec) -> Array:
+        """w·∂M/∂number v (k,) of its mass matrix M; this rank's share.  Zero of most kinds."""
+        return np.zeros(len(self.get_number(term, key)))
+
     # ---- forces that depend on masses ------------------------------------------------------------
+
+    def work_on_masses(self, masses: Any, w: PETSc.Vec) -> float:
+        """w·r of its part of the residual that acts on the masses of a term and is proportional to
+        them, as a weight; this rank's share.  Zero of most kinds.  Collective."""
+        return 0.0
 
     def masses_changed(self) -> None:
         """Forget what was computed from the mass matrix, which has other values now."""

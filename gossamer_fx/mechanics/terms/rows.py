@@ -27,6 +27,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.named_rows import NamedRows
+from gossamer_fx.core.algebra.numbering import GlobalIndices
 from gossamer_fx.core.algebra.point_measures import (
     Gather,
     Measure,
@@ -1187,6 +1188,40 @@ class AttachedMasses(Differentiable, CompiledTerms["AttachedKineticEnergy"]):
     def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
         self._terms = terms
         self._system = system
+        # New values of numbers, by the identity of the term and the name of the number.
+        self._numbers: dict[tuple[int, str], float] = {}
+
+    def mass_of(self, term: AttachedKineticEnergy) -> Array:
+        """The masses (n, k, k) of a term with the present values of its numbers."""
+        mass = term.mass
+        for key, given in term.numbers.items():
+            mass = mass * (self._numbers.get((id(term), key), given) / given)
+        return mass
+
+    def get_number(self, term: AttachedKineticEnergy, key: str) -> Array:
+        return np.atleast_1d(self._numbers.get((id(term), key), term.numbers[key]))
+
+    def set_number(self, term: AttachedKineticEnergy, key: str, value: Array) -> None:
+        self._numbers[id(term), key] = float(value[0])
+
+    def work_by_number(self, term: AttachedKineticEnergy, key: str, w: PETSc.Vec) -> Array:
+        # Masses are proportional to each of their numbers, and so are loads on them.
+        work = 0.0
+        for compiled in self._system.compiled:
+            if isinstance(compiled, Differentiable):
+                work += compiled.work_on_masses(term, w)
+        return work / self.get_number(term, key)
+
+    def inertia_by_number(
+        self, term: AttachedKineticEnergy, key: str, v: PETSc.Vec, w: PETSc.Vec
+    ) -> Array:
+        indices, mass = self._matrices(term, np.eye(3))
+        gather = Gather(self._system.numbering, [indices])
+        # Both gathers are collective.
+        [of_w] = gather(w)
+        [of_v] = gather(v)
+        work = float(np.einsum("nx,nxy,ny->", of_w, mass, of_v))
+        return work / self.get_number(term, key)
 
     def add_mass(self, M: PETSc.Mat) -> None:
         self._add(M, np.eye(3))
@@ -1201,23 +1236,28 @@ class AttachedMasses(Differentiable, CompiledTerms["AttachedKineticEnergy"]):
         vectors; `each` (3, 3) is the unit matrix for masses, or twice the matrix of a cross product
         with an angular velocity [rad/s] for the Coriolis force."""
         for term in self._terms:
-            # Each tuple is added on one rank; the matrix adds up what ranks share.  The attached
-            # vectors are P q (n tuples) of unknowns q.
-            own = evaluated_here(term.ports)
-            n = len(own)
-            rows = 3 * term.mass.shape[1]
-            tuples = [term.ports[i] for i in own]
-            # Offsets of the ground are not needed: it has no velocity.
-            indices, P, _ = attach_all(
-                numbering=self._system.numbering,
-                bodies=self._system.bodies,
-                tuples=tuples,
-                rows=rows,
-            )
-            of_vectors = np.einsum("nij,ab->niajb", term.mass[own], each)
-            mass = of_vectors.reshape(n, rows, rows)
-            of_unknowns = np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
+            # Each tuple is added on one rank; the matrix adds up what ranks share.
+            indices, of_unknowns = self._matrices(term, each)
             add_blocks(matrix, indices, indices, of_unknowns)
+
+    def _matrices(self, term: AttachedKineticEnergy, each: Array) -> tuple[GlobalIndices, Array]:
+        """Global indices (n, D) of the unknowns of the n tuples of a term that this rank evaluates,
+        and the matrices (n, D, D) of `_add` by these unknowns."""
+        # The attached vectors are P q of unknowns q.
+        own = evaluated_here(term.ports)
+        n = len(own)
+        rows = 3 * term.mass.shape[1]
+        tuples = [term.ports[i] for i in own]
+        # Offsets of the ground are not needed: it has no velocity.
+        indices, P, _ = attach_all(
+            numbering=self._system.numbering,
+            bodies=self._system.bodies,
+            tuples=tuples,
+            rows=rows,
+        )
+        of_vectors = np.einsum("nij,ab->niajb", self.mass_of(term)[own], each)
+        mass = of_vectors.reshape(n, rows, rows)
+        return indices, np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -1227,8 +1267,12 @@ class AttachedKineticEnergy:
     Args:
         ports: n tuples of k ports, as those of a `PointMeasure`.
         mass: (n, k, k) [kg] for points; kg m and kg m² where directors take part.
+        numbers: by which all of the masses are multiplied, by name, none zero, e.g. a line density.
+        parameters: of these numbers, those by which results can be derived.
     """
 
     ports: Sequence[tuple[Port, ...]]
     mass: Array
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = AttachedMasses
