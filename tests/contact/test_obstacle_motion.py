@@ -211,3 +211,34 @@ def test_a_step_that_turns_a_body_past_another_one_names_the_one_that_turns():
     step = math.pi / spin
     with pytest.raises(gx.StepFailure, match=r"'ball' would turn by \d+° past 'film' in one step"):
         simulate([gx.Contact(sail, ball, distance=DISTANCE)], until=step, dt=step, halvings=0)
+
+
+@pytest.mark.mpi
+def test_a_tool_that_turns_and_moves_takes_a_film_along(comm):
+    """A plate of a driven body lifts a film and turns by a quarter about the film's middle: the
+    work is supplied, and the body is where the functions say."""
+
+    def rise(t):
+        return 0.5 * t * t
+
+    body = gx.RigidBody(1.0, (1.0, 1.0, 1.0), position=(0.0, 0.0, -2e-3), comm=comm, name="tool")
+    driven = gx.constraints.Driven(
+        body,
+        (0.0, 1.0, 0.0),
+        angle=lambda t: 0.1 * t * t,
+        displacement=lambda t: (0.0, 0.0, rise(t)),
+    )
+    plate = gx.contact.Box(centre=(0.0, 0.0, -0.012), sizes=(1.0, 1.0, 0.02), body=body)
+    sheet_film = film(comm)
+    contact = gx.Contact(sheet_film, plate, distance=DISTANCE)
+    run = gx.Simulation(gx.Scene(sheet_film, contact, driven), gx.Midpoint(dt=5e-3))
+    run.run(until=0.2)
+    port = body.port()
+    assert gx.probes.Position(port, "z")(run) == pytest.approx(-2e-3 + rise(0.2), abs=1e-15)
+    turned = run.system.unknowns.state[body].coordinates()
+    if len(turned):
+        assert turned[0, 1] == pytest.approx([math.cos(4e-3), 0, -math.sin(4e-3)], abs=1e-12)
+    heights = comm.allgather(run.system.unknowns.state[sheet_film].positions()[:, 2].min(initial=1))
+    assert min(heights) > rise(0.2) - 5e-3
+    assert gx.probes.Penetrations(contact)(run) == 0
+    assert abs(run.energy_error) < 1e-10

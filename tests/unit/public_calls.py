@@ -264,7 +264,13 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         atmosphere=gx.orbit.ExponentialAtmosphere(1e-12, 4e5, scale_height=6e4),
         rotation=1e-5,
     )
-    add("constraints.Driven", body=block, axis=z, angle=lambda t: t)
+    add(
+        "constraints.Driven",
+        body=block,
+        axis=z,
+        angle=lambda t: t,
+        displacement=lambda t: (t, 0.0, 0.0),
+    )
     add("analysis.EnclosedVolume", film=film)
     add("analysis.ChamberPressure", chamber=tank)
     add("analysis.CrossingTime", of=gx.analysis.EnclosedVolume(film), value=1e-3)
@@ -444,6 +450,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("fold.Ikaros", n=4, inner=5, outer=9, pitch=0.3, gap=1e-3, hub_gap=1e-4)
     add("fold.Miura", a=0.1, b=0.1, gamma=1.0, theta=0.5, opening=1e-4, lift=1e-5)
     add("fold.Roll", length=1.0, bends=99, radius=0.03, flat=0.1, width=0.1, opening=1e-4)
+    add("fold.Stow", film=film, spacing=1e-2, layers=1, up=z, gravity=9.81)
     add("fold.Star", n=8, side=0.04, columns=2, reach=20, gap=1e-4)
     add(
         "fold.TubeZigzag",
@@ -636,6 +643,7 @@ def method_calls(inputs: Inputs) -> dict[str, tuple[Callable[..., Any], Call]]:
     mesh = sheet(WORLD, 2, 2)
     zigzag = gx.fold.Zigzag(1.0, 2)
     marked = gx.Membrane(zigzag.mark(mesh), film.law)
+    stow = gx.fold.Stow(film, spacing=1e-2, layers=1)
     gores = gx.patterns.gores([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]], 6)
     sewn = gx.Membrane(gores.mesh(WORLD, along=4, across=2), film.law)
     form = gx.patterns.surface(film)
@@ -677,6 +685,9 @@ def method_calls(inputs: Inputs) -> dict[str, tuple[Callable[..., Any], Call]]:
         "gores.seams": (gores.seams, {"film": sewn}),
         "form.closest": (form.closest, {"points": np.zeros((1, 3))}),
         "form.by_planes": (form.by_planes, {"points": [[0.5, 0.5, 0.0]], "normal": (1, 0, 0)}),
+        "stow.evacuate": (stow.evacuate, {"suction": 10.0}),
+        "stow.fold": (stow.fold, {"point": (0.5, 0.0, 0.0), "towards": (1.0, 0.0, 0.0)}),
+        "stow.pack": (stow.pack, {"sizes": (1.0, 1.0, 0.1)}),
         "form.geodesics": (
             form.geodesics,
             {"starts": [[0.2, 0.0, 0.0]], "ends": [[0.3, 1.0, 0.0]]},

@@ -3,7 +3,7 @@ beams, and rigid bodies that a motor turns."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING
 
@@ -354,21 +354,26 @@ def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indice
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Driven(OnBody, MeasuresStart):
-    """A rigid body whose position is fixed and that turns about an axis as prescribed, as a hub on
-    a motor.
+    """A rigid body that turns about an axis as prescribed, as a hub on a motor; its centre is
+    fixed, or moves as prescribed.
 
     The directors are d(t) = R(axis, angle(t)) d(0); the work of the motor counts as supplied.  The
     scene gives the body the rate at which the angle begins, e.g. by `RigidMotion`: a difference
     stays, as of `Fixed` with a motion.  A step of half a turn or more is rejected, and divided.
+    Obstacles that are parts of the body (`body=...`) turn and move with it, as a flap that folds a
+    film does about a hinge in its centre of mass.
 
     Args:
         body: what turns.
         axis: direction in space through its centre of mass, of any length.
         angle: [rad] as a function of time [s], zero at the start.
+        displacement: of the centre of mass, three numbers [m] as a function of time [s], zero at
+            the start; None: it stays.
         name: name in messages and output.
 
     Raises:
-        InputError: an axis of length zero; during a run: an angle that is not finite.
+        InputError: an axis of length zero; during a run: an angle or a displacement that is not
+            finite.
 
     Example:
         >>> gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: 5.0 * t).name
@@ -379,6 +384,7 @@ class Driven(OnBody, MeasuresStart):
     axis: Vector
     _: KW_ONLY
     angle: Callable[[float], float]
+    displacement: Callable[[float], Sequence[float]] | None = None
     name: str = "motor"
 
     def __post_init__(self) -> None:
@@ -396,10 +402,15 @@ class Driven(OnBody, MeasuresStart):
             source = f"Angle of '{self.name}' at t = {t:.6g} s"
             return float(ask_numbers(body.comm, source, lambda: self.angle(t)))
 
+        displacement = self.displacement
+
         def path(t: float) -> Array:
             """Coordinates of the body on this rank at a time t [s]."""
             # From the first state, not from the last step: errors do not add up.
             turned = first.copy()
+            if displacement is not None:
+                what = f"Displacement of '{self.name}' at t = {t:.6g} s"
+                turned[:, 0] += ask_numbers(body.comm, what, lambda: displacement(t), (3,))
             turned[:, 1:] = first[:, 1:] @ rotations(axis, angle(t)).T
             return turned.ravel()
 
