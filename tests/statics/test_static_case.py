@@ -61,7 +61,8 @@ def test_one_equilibrium_with_its_modes(comm, folder):
     # Extremes of one equilibrium are not shown, and a report says the frequencies.
     shown = shown_names([numbers])
     assert not [name for name in shown if name.endswith((" smallest", " largest"))]
-    rows = {row[0]: row[1] for row in answers(gx.plot.RunReader(folder / "case"))}
+    _, found = answers(gx.plot.RunReader(folder / "case"))
+    rows = {row[0]: row[1] for row in found}
     for name in ("frequency 1 [Hz]", "frequency 2 [Hz]"):
         assert float(rows[name]) == pytest.approx(numbers[name], rel=1e-3)
 
@@ -136,3 +137,18 @@ class TestCommandLine:
             for row in rows[1:]
         ]
         assert heights == pytest.approx([-0.2, -0.05])
+
+
+@pytest.mark.mpi
+def test_numbers_of_an_equilibrium_are_probes_of_a_case(comm, folder):
+    """The stiffness of a point is asked for when the first equilibrium is found, not before."""
+    ball = gx.PointMass(2.0, comm=comm, name="ball")
+    hook = gx.Ground((0.0, 0.0, 1.0))
+    spring = gx.connectors.Spring(ball.port(), hook, stiffness=100.0, length=1.0)
+    equilibrium = gx.Equilibrium(gx.Scene(spring, gx.Gravity(ball)))
+    stiffness = gx.analysis.PointStiffness(equilibrium, ball.port())
+    case = gx.analysis.StaticCase(
+        equilibrium, at=(0.5, 1.0), probes={"stiffness [N/m]": stiffness}
+    )
+    numbers = case.compute(folder / "case")
+    assert numbers["stiffness [N/m] smallest"] == pytest.approx(100.0)

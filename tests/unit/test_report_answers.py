@@ -73,6 +73,23 @@ def test_answers_are_those_of_the_tables(folder: Path, page: str) -> None:
     assert float(rows["largest displacement [m] of film"][0]) == pytest.approx(moved, rel=1e-3)
 
 
+def test_one_state_has_one_value_and_no_round_off(tmp_path: Path) -> None:
+    """A pendulum at rest: its hinge has no moment, and extremes over one state say nothing."""
+    mass = gx.PointMass(2.0, position=(0.3, 0.0, -1.0), name="mass")
+    rope = gx.connectors.Rope(
+        mass.port(), gx.Ground((0.3, 0.0, 0.0)), stiffness=1e3, length=1.0, name="rope"
+    )
+    equilibrium = gx.Equilibrium(gx.Scene(rope, gx.Gravity(mass, (0.0, 0.0, -10.0))))
+    probes = gx.probes.Reaction.components(rope, "anchor", about=(0.3, 0.0, 0.0))
+    probes["nearly nothing [N]"] = lambda state: 1e-15
+    gx.analysis.StaticCase(equilibrium, probes=probes).compute(tmp_path / "hung")
+    gx.write_report(gx.plot.RunReader(tmp_path / "hung"), tmp_path / "page.html")
+    rows = rows_of((tmp_path / "page.html").read_text(), "Answers")
+    assert rows[""] == ["value"]
+    assert rows["anchor force z [N]"] == ["20"] and rows["nearly nothing [N]"] == ["0"]
+    assert rows["anchor moment y [N m]"] == ["0"]
+
+
 def test_balances_have_units_and_no_round_off(page: str) -> None:
     rows = rows_of(page, "Balances")
     assert {"kinetic [J]", "stored bag [J]", "gas mass [kg]", "energy error"} <= set(rows)

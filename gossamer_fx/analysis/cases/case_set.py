@@ -51,6 +51,7 @@ from gossamer_fx.analysis.cases.results import (
     values_text,
 )
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.records.fields.units import without_round_off
 from gossamer_fx.records.outputs.output import make_parent, replace_file
 from gossamer_fx.records.outputs.run_file import FileLocks
 
@@ -185,9 +186,10 @@ def plain_rows(results: Results) -> list[list[str]]:
     rows = [[*results[0].values, *names, "time [s]", "folder in runs"]]
     for result in results:
         cells = [value_text(value) for value in result.values.values()]
+        numbers = without_round_off(result.numbers)
         for name in names:
-            if name in result.numbers:
-                cells.append(f"{result.numbers[name]:.6g}")
+            if name in numbers:
+                cells.append(f"{float(numbers[name]):.6g}")
             else:
                 cells.append("failed" if result.failed else "")
         rows.append([*cells, f"{result.seconds:.1f}", key_of(result.values)])

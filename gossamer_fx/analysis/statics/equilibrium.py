@@ -16,7 +16,7 @@ from gossamer_fx.analysis.statics.result import (
 )
 from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.core.checks.arguments import check_arguments, collective
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import NotFoundYet, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
@@ -199,10 +199,10 @@ class Equilibrium(Sought):
 
     def need(self, what: str) -> None:
         """Raise `InputError` unless an equilibrium was found; `what` names the caller."""
-        check(
-            self.result is not None,
-            f"{what}: no equilibrium was found yet; call find() of the Equilibrium first.",
-        )
+        if self.result is None:
+            raise NotFoundYet(
+                f"{what}: no equilibrium was found yet; call find() of the Equilibrium first."
+            )
 
     @property
     def is_known_regular(self) -> bool:

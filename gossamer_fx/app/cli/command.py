@@ -529,6 +529,7 @@ def _compute(
     """
     from gossamer_fx.analysis.cases.results import shown_names
     from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.records.fields.units import without_round_off
     from gossamer_fx.records.run.log import log_to
 
     comm = case.equilibrium.comm
@@ -546,8 +547,9 @@ def _compute(
         result = case.equilibrium.result
         if result is not None:
             print(result.summary())
-        for name in shown_names([numbers]):
-            print(f"  {name}: {numbers[name]:.6g}")
+        for name, value in without_round_off(numbers).items():
+            if name in shown_names([numbers]):
+                print(f"  {name}: {float(value):.6g}")
         name = shown(str(folder))
         print(f"written to {name}; look at it with: ./gossamer report {name}")
 

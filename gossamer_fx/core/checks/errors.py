@@ -102,6 +102,10 @@ class InputError(ValueError):
         super().__init__(shown(message))
 
 
+class NotFoundYet(InputError):
+    """A number of an equilibrium is asked for before one was found."""
+
+
 class StepFailure(RuntimeError):
     """A time step did not converge, also not in sub-steps.
 

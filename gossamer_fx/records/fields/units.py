@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -57,6 +58,9 @@ _OF_COMPONENTS = {
     for vector in VECTOR_FIELDS
     for component, words in COMPONENTS.items()
 }
+# A number is round-off below this share of the largest one with its unit.
+ROUND_OFF = 1e-12
+
 NAMES = {field: name for field, (name, _) in (_FIELDS | _OF_COMPONENTS).items()}
 UNITS = {field: unit for field, (_, unit) in (_FIELDS | _OF_COMPONENTS).items()}
 
@@ -156,3 +160,31 @@ def plain_text(text: str) -> str:
     # Python does not count the space at which no line is broken as printable.
     shown = "".join(c if c.isprintable() or c == "\u00a0" else "\ufffd" for c in text)
     return shown.replace("$", r"\$")
+
+
+def without_round_off[Number: (float, Array)](numbers: Mapping[str, Number]) -> dict[str, Number]:
+    """Numbers by names with their units in brackets, e.g. "foot moment x [N m]", in which zero
+    stands for round-off: for what is below `ROUND_OFF` of the largest number of the unit.  Forces
+    count as moments at an arm of 1 m, since a hinge has no moment but round-off."""
+    largest: dict[str, float] = {}
+    units = {name: _unit_of(name) for name in numbers}
+    for name, values in numbers.items():
+        known = np.abs(np.atleast_1d(values))
+        size = float(known[np.isfinite(known)].max(initial=0.0))
+        largest[units[name]] = max(largest.get(units[name], 0.0), size)
+    if "N m" in largest:
+        largest["N m"] = max(largest["N m"], largest.get("N", 0.0))
+    found = {}
+    for name, values in numbers.items():
+        unit = units[name]
+        is_small = np.abs(values) < ROUND_OFF * largest[unit]
+        found[name] = values
+        if unit and np.any(is_small):
+            found[name] = np.where(is_small, 0.0, values)
+    return found
+
+
+def _unit_of(name: str) -> str:
+    """The unit in the last brackets of a name; empty without one."""
+    units = re.findall(r"\[([^\[\]]*)\]", name)
+    return str(units[-1]) if units else ""

@@ -34,7 +34,13 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, not_negative
-from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, output_failures
+from gossamer_fx.core.checks.errors import (
+    InputError,
+    NotFoundYet,
+    check,
+    on_rank_zero,
+    output_failures,
+)
 from gossamer_fx.core.checks.same_on_ranks import given_arguments, is_of_package
 from gossamer_fx.core.checks.strange_files import open_to_write, write_new
 from gossamer_fx.core.checks.user_functions import ask_numbers
@@ -403,6 +409,19 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
         )
 
     on_rank_zero(comm, task)
+
+
+def check_probe(run: StateView, name: str, probe: Probe) -> None:
+    """Raise `InputError` if a probe fails before the first state is computed.  One that is a number
+    of an equilibrium, as a stiffness, is asked when one was found.  Collective."""
+
+    def value_if_found(view: StateView) -> float:
+        try:
+            return probe(view)
+        except NotFoundYet:
+            return 0.0
+
+    evaluate_probe(run, name, value_if_found)
 
 
 def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:

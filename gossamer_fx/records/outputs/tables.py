@@ -26,6 +26,7 @@ from gossamer_fx.records.outputs.output import (
     Probe,
     Schedule,
     Times,
+    check_probe,
     evaluate_probe,
     make_parent,
 )
@@ -192,7 +193,10 @@ class TableOutput(Continued):
 
     def _row(self, run: StateView) -> dict[str, Any]:
         """The value on the axis, the number of the step, and the values, by names of columns."""
-        values = self.values(run)
+        return self._with_axis(run, self.values(run))
+
+    def _with_axis(self, run: StateView, values: dict[str, Any]) -> dict[str, Any]:
+        """Values with the one on the axis and the number of the step, by names of columns."""
         row = {run.axis.column: float(run.time), "step": run.step}
         for name in row:
             check(
@@ -204,7 +208,11 @@ class TableOutput(Continued):
     def open(self, run: StateView) -> None:
         make_parent(run.comm, self.path)
         # A probe that fails must do so before the first step, and before an older table is lost.
-        self._table.create(run.comm, list(self._row(run)))
+        self._table.create(run.comm, list(self._first_row(run)))
+
+    def _first_row(self, run: StateView) -> dict[str, Any]:
+        """A row before the first state is computed, for its names.  Collective."""
+        return self._row(run)
 
     def cursor(self) -> dict[str, Any]:
         return self._table.cursor()
@@ -336,6 +344,11 @@ class Probes(TableOutput):
                 name not in ("time", "step"),
                 f"Probe '{name}' has the name of a column that exists; rename it.",
             )
+
+    def _first_row(self, run: StateView) -> dict[str, Any]:
+        for name, probe in self.probes.items():
+            check_probe(run, f"Probe '{name}'", probe)
+        return self._with_axis(run, dict.fromkeys(self.probes))
 
     def values(self, run: StateView) -> dict[str, Any]:
         found = {}

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import with_unit
+from gossamer_fx.records.fields.units import with_unit, without_round_off
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.run_tables import RunTables
 from gossamer_fx.records.probes.points import GAS_UNITS, GasQuantity
 
-HEAD = ("", "at the end", "least over the run", "largest over the run")
+_HEAD = ("", "at the end", "least over the run", "largest over the run")
+_HEAD_OF_ONE_STATE = ("", "value")
 
 # Fields whose numbers stand for kinds of states and for groups.
 _NO_AMOUNTS = ("state", "group")
@@ -39,10 +40,21 @@ _LEDGER_UNITS = {
 _ROUND_OFF = 1e-12
 
 
-def answers(run: RunReader) -> Iterator[tuple[str, str, str, str]]:
-    """Rows for `HEAD`: the largest value of each recorded field on each body, the gas of each
-    chamber, shares of films that are taut and wrinkled, the probes of the user, and the frequencies
-    of the modes that a `StaticCase` has recorded."""
+def answers(run: RunReader) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of a table: the largest value of each recorded field on each body, the gas of
+    each chamber, shares of films that are taut and wrinkled, the probes of the user, and the
+    frequencies of the modes that a `StaticCase` has recorded.  Extremes over the run only if it has
+    several states."""
+    rows = list(_answers(run))
+    # Probes may have more states than fields.
+    changes = any(row[2] and len(set(row[1:])) > 1 for row in rows)
+    if changes or len(run.times) > 1:
+        return _HEAD, list(rows)
+    return _HEAD_OF_ONE_STATE, [row[:2] for row in rows]
+
+
+def _answers(run: RunReader) -> Iterator[tuple[str, str, str, str]]:
+    """The rows, with extremes over the run."""
     for name, fields in run.fields.items():
         for field in fields:
             if field not in _NO_AMOUNTS and run.has_field(name, field):
@@ -54,8 +66,8 @@ def answers(run: RunReader) -> Iterator[tuple[str, str, str, str]]:
         columns = ((c, v) for c, v in gas.items() if c.endswith(f" {quantity}"))
         yield from _of_columns((f"{c} [{GAS_UNITS[quantity]}]", v) for c, v in columns)
     for table in ("states.csv", "probes.csv"):
-        found = run.table(table).items()
-        yield from _of_columns((c, v) for c, v in found if c not in run.not_values)
+        found = {c: v for c, v in run.table(table).items() if c not in run.not_values}
+        yield from _of_columns(without_round_off(found).items())
     for number, frequency in sorted(_frequencies(run.folder)):
         yield f"frequency {number} [Hz]", f"{frequency:.4g}", "", ""
 

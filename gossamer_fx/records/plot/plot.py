@@ -187,7 +187,8 @@ def strip_views(
 def _title(run: RunReader, field: str) -> str:
     """Title of a picture of a field."""
     if field in NAMES:
-        return f"{run.title}: {NAMES[field].lower()}"
+        name = NAMES[field]
+        return f"{run.title}: {name[0].lower()}{name[1:]}"
     return run.title
 
 

@@ -26,7 +26,6 @@ from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.records.outputs.description import lines, number_text
 from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.records.plot import plot as pictures
-from gossamer_fx.records.plot.answers import HEAD as ANSWERS_HEAD
 from gossamer_fx.records.plot.answers import answers, is_round_off, ledger_unit
 from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import default_field
@@ -147,9 +146,9 @@ def _page(run: RunReader) -> Iterable[str]:
     if parameters:
         words = ", ".join(f"{name} {value}" for name, value in parameters.items())
         yield f'<p class="status">with {escape(words)}</p>'
-    rows = list(answers(run))
+    head, rows = answers(run)
     if rows:
-        yield "<h2>Answers</h2>" + _table(ANSWERS_HEAD, rows)
+        yield "<h2>Answers</h2>" + _table(head, rows)
     # The energies of a mode are those of an arbitrary amplitude.
     curves = Curves([])
     if run.kind != "mode" and len(run.along(ledger)) > 1:
