@@ -147,8 +147,6 @@ def test_numbers_of_an_equilibrium_are_probes_of_a_case(comm, folder):
     spring = gx.connectors.Spring(ball.port(), hook, stiffness=100.0, length=1.0)
     equilibrium = gx.Equilibrium(gx.Scene(spring, gx.Gravity(ball)))
     stiffness = gx.analysis.PointStiffness(equilibrium, ball.port())
-    case = gx.analysis.StaticCase(
-        equilibrium, at=(0.5, 1.0), probes={"stiffness [N/m]": stiffness}
-    )
+    case = gx.analysis.StaticCase(equilibrium, at=(0.5, 1.0), probes={"stiffness [N/m]": stiffness})
     numbers = case.compute(folder / "case")
     assert numbers["stiffness [N/m] smallest"] == pytest.approx(100.0)

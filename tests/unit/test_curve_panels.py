@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.records.fields.units import scaled_unit, with_decimals
+from gossamer_fx.records.fields.units import scaled_unit, with_decimals, without_round_off
 from gossamer_fx.records.plot import page
 from gossamer_fx.records.plot.curve_panels import (
     LINES,
@@ -208,3 +208,21 @@ def test_a_probe_that_is_zero_throughout_has_no_panel(tmp_path: Path) -> None:
     panels = list(run_curves(gx.plot.RunReader(tmp_path)).panels)
     drawn = [one.args[1] for one in panels if isinstance(one, partial) and one.func is _probes]
     assert drawn == ["x [m]"]
+
+
+def test_a_curve_that_changes_by_round_off_is_flat() -> None:
+    """Not an axis with fourteen digits."""
+    axes = Figure().add_subplot()
+    values = -0.2 + 2e-13 * np.arange(3)
+    axes.plot([0, 1, 2], values)
+    label_ends(axes, [("", float(values[-1]), "k")])
+    low, high = axes.get_ylim()
+    assert (low, high) == pytest.approx((-0.21, -0.19))
+
+
+def test_round_off_among_numbers_of_a_unit_is_zero() -> None:
+    numbers = {"a [N]": 700.0, "b [N]": -3e-13, "hinge [N m]": 5e-22, "share": 1e-20}
+    found = without_round_off(numbers)
+    assert found == {"a [N]": 700.0, "b [N]": 0.0, "hinge [N m]": 0.0, "share": 1e-20}
+    curves = without_round_off({"z [m]": np.array([1.0, 1e-15, 0.5])})
+    assert list(curves["z [m]"]) == [1.0, 0.0, 0.5]

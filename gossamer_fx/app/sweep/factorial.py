@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from itertools import cycle, product
 from pathlib import Path
@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 from gossamer_fx.analysis.cases.case_set import CaseSet, run_cases
 from gossamer_fx.analysis.cases.results import (
+    EXTREMES,
     Outcome,
     Result,
     shown_names,
@@ -30,6 +31,7 @@ from gossamer_fx.app.sweep.run_lines import covering, draw_lines
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.fields.units import without_round_off
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -193,6 +195,7 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     from gossamer_fx.records.plot.curve_panels import Curves, Panel
     from gossamer_fx.records.plot.page import write_page
 
+    results = [replace(one, numbers=without_round_off(one.numbers)) for one in results]
     names = shown_names([result.numbers for result in results])
     names = [name for name in names if not _is_round_off(name, results)]
     shown = names[:_MAX_PANELS]
@@ -225,8 +228,11 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
 
 
 def _is_round_off(name: str, results: Sequence[Result]) -> bool:
-    """Whether a number of the results is the closing error of balances that all close."""
+    """Whether a number of the results is an extreme that is zero in all of them, or the closing
+    error of balances that all close."""
     sizes = [abs(result.numbers.get(name, 0.0)) for result in results]
+    if name.endswith(EXTREMES):
+        return max(sizes) == 0
     return name == "energy error" and max(sizes) < _ROUND_OFF
 
 

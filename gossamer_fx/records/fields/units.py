@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -162,10 +163,11 @@ def plain_text(text: str) -> str:
     return shown.replace("$", r"\$")
 
 
-def without_round_off[Number: (float, Array)](numbers: Mapping[str, Number]) -> dict[str, Number]:
-    """Numbers by names with their units in brackets, e.g. "foot moment x [N m]", in which zero
-    stands for round-off: for what is below `ROUND_OFF` of the largest number of the unit.  Forces
-    count as moments at an arm of 1 m, since a hinge has no moment but round-off."""
+def without_round_off(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers, or arrays of them, by names with their units in brackets, e.g. "foot moment x [N
+    m]", in which zero stands for round-off: for what is below `ROUND_OFF` of the largest number of
+    the unit.  Forces count as moments at an arm of 1 m, since a hinge has no moment but
+    round-off."""
     largest: dict[str, float] = {}
     units = {name: _unit_of(name) for name in numbers}
     for name, values in numbers.items():
@@ -174,13 +176,16 @@ def without_round_off[Number: (float, Array)](numbers: Mapping[str, Number]) -> 
         largest[units[name]] = max(largest.get(units[name], 0.0), size)
     if "N m" in largest:
         largest["N m"] = max(largest["N m"], largest.get("N", 0.0))
-    found = {}
+    found: dict[str, Any] = {}
     for name, values in numbers.items():
         unit = units[name]
         is_small = np.abs(values) < ROUND_OFF * largest[unit]
-        found[name] = values
-        if unit and np.any(is_small):
+        if not (unit and np.any(is_small)):
+            found[name] = values
+        elif np.ndim(values):
             found[name] = np.where(is_small, 0.0, values)
+        else:
+            found[name] = 0.0
     return found
 
 

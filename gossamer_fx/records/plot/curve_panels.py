@@ -37,6 +37,8 @@ _LOGARITHMIC = 30.0  # ratio of the peaks of curves from which on their axis is 
 _LABEL_PITCH = 0.082  # height of a line of a label, of the height of the axes
 _LABEL_GAP = 0.018  # between labels, of the height of the axes
 _SAME_HEIGHT = 0.01  # of the axes: ends of curves that are nearer have names in the given order
+_HARDLY_CHANGES = 1e-10  # change over the value, below which a curve is drawn as a flat one
+_FLAT_MARGIN = 0.05  # of the value, above and below a flat curve
 _LABEL_WIDTH = 18  # letters of a line of a name at the end of a curve
 _LABEL_LINES = 2  # that such a name has at most
 _TITLE_WIDTH = 40  # letters of a line of a panel's title
@@ -522,6 +524,11 @@ def axis_of(name: str, curves: Iterable[Array]) -> tuple[str, float]:
 def label_ends(axes: Axes, ends: Iterable[End]) -> None:
     """Name curves at their right ends, moved apart where the names would overlap."""
     axes.autoscale_view()
+    low, high = axes.get_ylim()
+    size = max(abs(low), abs(high))
+    if axes.get_yscale() == "linear" and high - low < _HARDLY_CHANGES * size:
+        # Else the numbers of the axis would have all digits of a round-off.
+        axes.set_ylim(low - _FLAT_MARGIN * size, high + _FLAT_MARGIN * size)
     to_axes = axes.transData + axes.transAxes.inverted()
     labels = [
         (float(to_axes.transform((0, value))[1]), name, colour)
