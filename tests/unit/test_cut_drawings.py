@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.inflatables import dish_from_drawing
 from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from tests.pattern_shapes import CYLINDER, surface_of
 
@@ -35,6 +36,21 @@ def test_a_drawing_is_read_back_as_the_panels(tmp_path):
     # Otherwise the marks, which are open, are taken for outlines.
     with pytest.raises(gx.InputError, match="open"):
         gx.patterns.read_dxf(path, MPI.COMM_WORLD, size=0.1)
+
+
+def test_gores_whose_seams_pass_next_to_corners_of_the_form_are_read_back(tmp_path):
+    """Points of a seam are then some millionths of a metre apart, which a reader takes as one; the
+    chain from the drawing to the sewn dish, 2 mm off the drawing of 1 m."""
+    panels = dish_from_drawing.pattern(dish_from_drawing.form(MPI.COMM_SELF))
+    assert len(panels) == 8
+    ratio = dish_from_drawing.read_again(panels, tmp_path / "gores.dxf")
+    assert ratio == pytest.approx(1.0, rel=1e-9)
+    dish = dish_from_drawing.sewn(panels, 0.2)
+    stow, _ = dish_from_drawing.stowing(dish, 1)
+    assert stow.layers_at_end == 2
+    at_rest = dish_from_drawing.equilibrium(dish)
+    at_rest.find()
+    assert panels.deviation(dish.films, at=at_rest).rms < 2.5e-3
 
 
 def test_allowances_are_rectangles_around_rectangles(tmp_path):

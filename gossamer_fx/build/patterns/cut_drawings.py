@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -21,6 +21,10 @@ NAME_LAYER = "names"
 
 # Millimetres in a metre: drawings are in millimetres.
 MILLIMETRES = 1e3
+
+# Least distance of points of an outline over the size of the drawing: `read_dxf` takes points as
+# one below a quarter of it.  Where a seam passes a corner of the form, its points may be as close.
+LEAST_DISTANCE = 4e-6
 
 # Distance of panels, and length of marks without an allowance, over the largest width of a panel.
 GAP = 0.15
@@ -76,14 +80,30 @@ def drawing_of(outlines: Sequence[Outline]) -> list[DrawnLine | DrawnText]:
     margin = max(part.allowance for outline in outlines for part in outline.parts)
     gap = GAP * max(widths) + 2 * margin
     found: list[DrawnLine | DrawnText] = []
+    longest = max(
+        float(np.ptp(np.concatenate([p.points for p in o.parts])[:, 0])) for o in outlines
+    )
+    least = LEAST_DISTANCE * (sum(widths) + len(widths) * gap + longest)
     top = 0.0
-    for outline, width in zip(outlines, widths, strict=True):
+    for whole, width in zip(outlines, widths, strict=True):
+        parts = [replace(part, points=_thinned(part.points, least)) for part in whole.parts]
+        outline = replace(whole, parts=parts)
         points = np.concatenate([part.points for part in outline.parts])
         # Left ends in line, and the panels from the first one at the top downwards
         shift = np.array([-points[:, 0].min(), top - points[:, 1].max()])
         found += _panel(outline, shift, GAP * width)
         top -= width + gap
     return found
+
+
+def _thinned(points: Array, least: float) -> Array:
+    """A line (n, 2) [m] without inner points that are nearer than a distance [m] to the one before
+    or to the end."""
+    kept = [points[0]]
+    for point in points[1:-1]:
+        if np.linalg.norm(point - kept[-1]) > least and np.linalg.norm(point - points[-1]) > least:
+            kept.append(point)
+    return np.array([*kept, points[-1]])
 
 
 def _panel(outline: Outline, shift: Array, height: float) -> list[DrawnLine | DrawnText]:
