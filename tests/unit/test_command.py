@@ -372,6 +372,7 @@ def test_doctor_tells_what_is_missing(
     monkeypatch.setattr(doctor, "rank_failures", lambda: ["two MPI ranks do not work together"])
     assert doctor.main() == 1
     said = capsys.readouterr().out
+    assert re.search(r"^processor +\S", said, re.MULTILINE)
     assert re.search(r"^no_such_package +MISSING$", said, re.MULTILINE)
     assert re.search(r"^FAILED +the Python package no_such_package is MISSING$", said, re.MULTILINE)
     assert re.search(r"^FAILED +two MPI ranks", said, re.MULTILINE)

@@ -235,12 +235,13 @@ def figure(
     for axis in axes.ravel()[len(panels) :]:
         axis.set_visible(False)
     for axis, ((quantity, test_name), entries) in zip(axes.ravel(), panels.items(), strict=False):
+        words = test_name or quantity
         if test_name:
-            _draw_curve(
-                axis,
-                entries[0][1],
-                by_name[test_name],
-            )
+            comparison = entries[0][1]
+            _draw_curve(axis, comparison, by_name[test_name])
+            if predicted_in(by_name[test_name], comparison.measured.quantity) is not None:
+                # In the title: within the panel it would lie on a curve in one case or another.
+                words = f"{words}\nmean error {percent(comparison.mean_error)}"
             _draw_bands(axis, (intervals or {}).get((test_name, quantity)))
         else:
             scales = _draw_values(axis, entries)
@@ -248,7 +249,7 @@ def figure(
             _draw_bars(axis, found, scales)
         # Words of a case file are text, not formulas.
         axis.set_title(
-            test_name or quantity,
+            words,
             fontsize=9,
             parse_math=False,
         )
@@ -297,15 +298,6 @@ def _draw_curve(axis, comparison: Comparison, result: Result) -> None:
             color="tab:red",
             linewidth=1.6,
             label="predicted",
-        )
-        words = f"mean error {percent(comparison.mean_error)}"
-        axis.text(
-            0.97,
-            0.05,
-            words,
-            transform=axis.transAxes,
-            ha="right",
-            fontsize=8,
         )
     axis.axvspan(*measured.x_range, color="0.95", zorder=0)
     axis.set_xlabel(

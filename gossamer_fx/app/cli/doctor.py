@@ -67,6 +67,7 @@ def show_versions() -> list[str]:
     show("gossamer_fx", VERSION)
     show("environment", os.environ.get("GOSSAMER_ENVIRONMENT", f"this Python, {sys.prefix}"))
     show("system", f"{system_name()}, {os.cpu_count()} cores")
+    show("processor", processor_name())
     show("python", f"{platform.python_version()}, {sys.executable}")
     for name in NEEDED:
         found = module_version(name) or "MISSING"
@@ -88,6 +89,18 @@ def system_name() -> str:
         return platform.freedesktop_os_release()["PRETTY_NAME"]
     except (OSError, KeyError):
         return platform.platform()
+
+
+def processor_name() -> str:
+    """The processor in the words of the system, e.g. AMD EPYC 9354 32-Core Processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    for line in lines:
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def module_version(name: str) -> str:
