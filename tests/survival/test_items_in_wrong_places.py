@@ -150,6 +150,8 @@ def test_what_has_no_joint_force_names_what_has_one() -> None:
     ):
         with pytest.raises(gx.InputError, match=words):
             gx.probes.JointForce(item, "z")(equilibrium)
+    with pytest.raises(gx.InputError, match=r"'mass' is a PointMass, a body and not a .* a Rope"):
+        gx.probes.Reaction(mass, "z")(equilibrium)
 
 
 def test_a_load_is_asked_for_by_its_own_probe() -> None:

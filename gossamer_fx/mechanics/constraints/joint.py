@@ -74,7 +74,7 @@ def one_point(name: str, a: Attached, b: Attached, start: State) -> PointConstra
     check(
         distance <= COINCIDE * start.extent(),
         f"Joint '{name}': its two points are {distance:.6g} m apart at the start; "
-        "let them coincide.",
+        "let them coincide, of a rigid body e.g. by port_at(point) or frame_at(point).",
     )
     return coincidence(name, (a, b))
 

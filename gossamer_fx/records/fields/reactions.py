@@ -218,6 +218,11 @@ def _not_found(system: System, item: Item, wanted: str) -> str:
             "is in it."
         )
     kind = type(item).__name__
+    if any(other is item for other in system.unknowns.bodies):
+        return (
+            f"'{name}' is a {kind}, a body and not a {wanted}; ask for the force of what holds it, "
+            "e.g. of a Fixed, a joint or a Rope of the scene."
+        )
     if isinstance(item, DrawnAsLines):
         return f"'{name}' is a {kind}, which pulls along its line; ask for its gx.probes.Tension."
     if any(isinstance(term, Support) for term in system.unknowns.terms_of(item)):
