@@ -20,7 +20,7 @@ from gossamer_fx.core.forms.backend import (
     interpolation_points,
 )
 from gossamer_fx.core.forms.cell_loops import assembly, tabulation
-from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
+from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.model.body import Block
 
 pytestmark = pytest.mark.mpi
@@ -86,9 +86,7 @@ def test_values_at_points_are_those_of_the_function(comm) -> None:
     points = interpolation_points(at_points.function_space)
     x = ufl.SpatialCoordinate(domain)
     c = constant(domain, 2.0)
-    fill = tabulation(
-        compile_expression(ufl.as_vector([x[0] ** 2 + c * x[1], x[0]]), points), at_points
-    )
+    fill = tabulation(ufl.as_vector([x[0] ** 2 + c * x[1], x[0]]), at_points)
     place = fem.Function(fem.functionspace(domain, quadrature))
     place.interpolate(fem.Expression(x, points))
     X, Y = place.x.array.reshape(-1, 2).T
@@ -98,6 +96,23 @@ def test_values_at_points_are_those_of_the_function(comm) -> None:
         found = at_points.x.array.reshape(-1, 2)
         assert np.allclose(found[:, 0], X**2 + value * Y, rtol=1e-14, atol=1e-14)
         assert np.allclose(found[:, 1], X, rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_loaded_kernel_takes_functions_and_constants_by_their_order(comm, order) -> None:
+    """c₀ f₁ - c₁ f₀ of functions and constants that were created in either order, twice."""
+    domain = mesh.create_unit_square(comm, 2, 3)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    quadrature = basix.ufl.quadrature_element("triangle", degree=2)
+    for scale in (1.0, 10.0):
+        f = {k: fem.Function(space) for k in order}
+        c = {k: constant(domain, scale * (k + 2.0)) for k in order}
+        for k, function in f.items():
+            function.x.array[:] = k + 5.0
+        found = fem.Function(fem.functionspace(domain, quadrature))
+        tabulation(c[0] * f[1] - c[1] * f[0], found)()
+        assert np.allclose(found.x.array, scale * (2.0 * 6.0 - 3.0 * 5.0), rtol=1e-14)
 
 
 @pytest.mark.parametrize(("size", "neighbour"), SIZES)

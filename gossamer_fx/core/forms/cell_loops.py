@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
-from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from gossamer_fx.core.forms.backend import (
     Array,
@@ -27,9 +26,12 @@ from gossamer_fx.core.forms.backend import (
     add_to_vector,
     cell_integral,
     geometry_nodes,
+    interpolation_points,
     values_and_rows,
 )
 from gossamer_fx.core.forms.c_source import CLibrary, CStruct, c_library, check_indices
+from gossamer_fx.core.forms.compilation import expression_kernel
+from gossamer_fx.core.forms.kinematics import Expr
 
 # Its functions are declared in this header.
 HEADER = Path(__file__).parent / "cells.h"
@@ -54,20 +56,20 @@ class CellFunction:
     owner: object
 
 
-def cell_function(expression: fem.Expression) -> CellFunction:
-    """The C function of an expression that `compile_expression` made, of float values; the result
-    keeps the expression alive."""
-    compiled = expression.ufcx_expression
-    coefficients = extract_coefficients(expression.ufl_expression)
+def cell_function(expression: Expr, points: Array) -> CellFunction:
+    """Compile the C function of a UFL expression at points (n, tdim) of the reference cell, of
+    float values.  Collective."""
+    kernel = expression_kernel(expression, points)
+    compiled = kernel.compiled
     # The compiler drops functions that the expression does not need.
     positions = [
         compiled.original_coefficient_positions[k] for k in range(compiled.num_coefficients)
     ]
     return CellFunction(
         address=_address(compiled),
-        coefficients=tuple(coefficients[position]._cpp_object for position in positions),
-        constants=_values(extract_constants(expression.ufl_expression)),
-        owner=expression,
+        coefficients=tuple(kernel.coefficients[position]._cpp_object for position in positions),
+        constants=_values(kernel.constants),
+        owner=kernel,
     )
 
 
@@ -194,12 +196,12 @@ class PreparedFunction:
         return apply
 
 
-def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[[], Any]:
-    """Return what sets a function, whose space stores values at points of cells, to the values of
-    an expression that was compiled for these points, in all cells, ghosts included.  Collective."""
+def tabulation(expression: Expr, at_points: fem.Function) -> Callable[[], Any]:
+    """Compile a UFL expression at the points of a function whose space stores values at points of
+    cells; return what sets the function to it, in all cells, ghosts included.  Collective."""
     space = at_points.function_space
     cells = Cells(space.mesh, np.arange(len(space.dofmap.list), dtype=np.int32))
-    function = PreparedFunction(cell_function(expression), cells, {})
+    function = PreparedFunction(cell_function(expression, interpolation_points(space)), cells, {})
     to = cells.values_of(at_points._cpp_object)
     return function.applied("set_in_cells", to.struct(cells.library), to.width)
 

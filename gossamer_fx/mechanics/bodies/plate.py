@@ -19,7 +19,6 @@ from gossamer_fx.core.forms.backend import (
     facets_of,
     geometry_element,
     geometry_nodes,
-    interpolation_points,
 )
 from gossamer_fx.core.forms.bending import (
     DEGREE,
@@ -30,7 +29,7 @@ from gossamer_fx.core.forms.bending import (
     curvature,
 )
 from gossamer_fx.core.forms.cell_loops import tabulation
-from gossamer_fx.core.forms.compilation import compile_expression, constant
+from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.core.mesh.edges import EdgeTable
@@ -225,8 +224,7 @@ class Plate(Membrane):
         strain = tied_strain(self.mesh.domain, self.shape, self._frame)
         linear = fem.functionspace(self.mesh.domain, ("Discontinuous Lagrange", 1, (3,)))
         self._strain_of_shape = fem.Function(linear)
-        points = interpolation_points(linear)
-        tabulation(compile_expression(strain, points), self._strain_of_shape)()
+        tabulation(strain, self._strain_of_shape)()
 
     def _centred(self, nodes: Array) -> Array:
         """Nodes (n, 6, 3) [m] of curved triangles, whose middle nodes are moved along the surface

@@ -18,9 +18,8 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
-from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
+from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.core.model.body import Array, MeshBody
@@ -222,8 +221,7 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         self._evaluations = []
         for term in terms:
             entries = self._entries(term, system.coordinates[term.body].q0)
-            points = interpolation_points(term.values.function_space)
-            self._evaluations.append(tabulation(compile_expression(entries, points), term.values))
+            self._evaluations.append(tabulation(entries, term.values))
         # Of gradients, made at the first use.
         self._products: list[_StartProduct] | None = None
 

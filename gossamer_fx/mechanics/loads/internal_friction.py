@@ -47,9 +47,8 @@ from dolfinx import fem
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
-from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
+from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import mean_of_positive_part
 from gossamer_fx.core.model.body import Array
@@ -202,7 +201,6 @@ class SlidingForces(BranchForces):
         self._has_begun = False
         super().__init__(term, at, rule)
         self.history = [self._nothing(1) for _ in term.stiffness]
-        points = interpolation_points(space)
         end = ufl.dot(self._slope, term.measure(at.q1))
         held = [self._held(number, end) for number in range(len(self._z))]
         energies = [k * u**2 / 2 for k, u in zip(self._k, held, strict=True)]
@@ -211,17 +209,13 @@ class SlidingForces(BranchForces):
         self._set_slid: list[Callable[[], None]] = []
         for number, slid in enumerate(self._slid):
             by = ufl.as_vector([self._slip(number, end)])
-            self._set_slid.append(tabulation(compile_expression(by, points), slid))
+            self._set_slid.append(tabulation(by, slid))
         at_rest = [k * u for k, u in zip(self._k, held, strict=True)]
-        self._set_end: Callable[[], None] = tabulation(
-            compile_expression(sum(at_rest) * self._slope, points), self._shown
-        )
+        self._set_end: Callable[[], None] = tabulation(sum(at_rest) * self._slope, self._shown)
         self._set_mean: Callable[[], None] = tabulation(
-            compile_expression(self._stress_of(term.measure(at.q1)), points), self._shown
+            self._stress_of(term.measure(at.q1)), self._shown
         )
-        self._set_start: Callable[[], None] = tabulation(
-            compile_expression(ufl.as_vector([end]), points), self._e0
-        )
+        self._set_start: Callable[[], None] = tabulation(ufl.as_vector([end]), self._e0)
 
     def _slip(self, number: int, end: Expr) -> Expr:
         """z1 - z0 of a branch in a step that ends at the strain (1) `end`."""

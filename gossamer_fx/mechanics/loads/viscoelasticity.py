@@ -66,9 +66,8 @@ from dolfinx import fem
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.cell_loops import tabulation
-from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
+from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.core.model.body import Array
@@ -350,26 +349,19 @@ class RelaxingForces(BranchForces):
         super().__init__(term, at, rule)
         self.history = [self._nothing(size) for _ in term.times]
         self._energy = compile_form(self._ratio * term.density(self._z) * term.dx)
-        points = interpolation_points(space)
         strain = term.measure(at.q1)
         # Strain e at the start of a step, and the change of the branches' strain in it
         self._strain_at_start = fem.Function(space)
         self._change = fem.Function(space)
-        self._set_strain: Callable[[], None] = tabulation(
-            compile_expression(strain, points), self._strain_at_start
-        )
+        self._set_strain: Callable[[], None] = tabulation(strain, self._strain_at_start)
         change = self._material_change(strain - self._strain_at_start)
-        self._set_change: Callable[[], None] = tabulation(
-            compile_expression(change, points), self._change
-        )
+        self._set_change: Callable[[], None] = tabulation(change, self._change)
         self._set_stiffness: Callable[[], None] = lambda: None
         if term.wrinkling is not None and self._stiffness is not None:
             entries = stiffness_entries(term.wrinkling.density, strain)
-            self._set_stiffness = tabulation(compile_expression(entries, points), self._stiffness)
+            self._set_stiffness = tabulation(entries, self._stiffness)
         # The stress of Σ r_k z_k, for fields
-        self._set_shown: Callable[[], None] = tabulation(
-            compile_expression(self._stress_of(self._z), points), self._shown
-        )
+        self._set_shown: Callable[[], None] = tabulation(self._stress_of(self._z), self._shown)
 
     def _material_change(self, change: Expr) -> Expr:
         """Δε of a change Δe of the strain: (5), or Δe itself."""

@@ -78,9 +78,9 @@ from petsc4py import PETSc
 from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.cell_loops import assembly, tabulation
-from gossamer_fx.core.forms.compilation import compile_expression, compile_form
+from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece, energy_gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
@@ -418,16 +418,15 @@ class StoredForces(ElementForces):
             [[self._response[m + i * m + j] for j in range(m)] for i in range(m)]
         )
         self.linear_stress = self.S + ufl.dot(self.D, e - self.strain_variable)
-        self._points = interpolation_points(self.strain_at_start.function_space)
 
         # Before the law, so that a missing compiler is not blamed on this body.
-        self._set_true_strain = self._evaluated(e, self.strain_variable)
+        self._set_true_strain = tabulation(e, self.strain_variable)
         # Only laws with several states need the kernel, and the choice of strains.
         self._law: PointLaw | None = None
         strain = ufl.variable(self.strain_variable)
         if term.quadratic:
             stress = rule.stress(term, self.strain_at_start, strain)
-            self._set_response = self._evaluated(with_derivative(stress, strain), self._response)
+            self._set_response = tabulation(with_derivative(stress, strain), self._response)
             self._energy = compile_form(term.density(self.strain_at_start) * term.dx)
         else:
             self._compile_law(term, rule, mesh)
@@ -437,13 +436,13 @@ class StoredForces(ElementForces):
         # The start of the next step, where that is not ê of the step that is solved.
         self._set_strain_of_end: Callable[[], None] | None = None
         if rule.takes_mid_strain:
-            self._set_strain_of_end = self._evaluated(self._strain_at_end(), self.strain_at_start)
+            self._set_strain_of_end = tabulation(self._strain_at_end(), self.strain_at_start)
         if term.area_vector is not None:
             turn = ufl.inner(term.area_vector(at.q0), term.area_vector(at.q1))
             is_over = ufl.conditional(ufl.lt(turn, 0.0), 1.0, 0.0)
             self._overturned = compile_form(is_over * term.dx)
         linear_strain = self.strain_variable if self._law is None else self._linear_strain
-        self._set_linear_strain = self._evaluated(_linearised(term, e, at), linear_strain)
+        self._set_linear_strain = tabulation(_linearised(term, e, at), linear_strain)
 
     def _acting_strain(self) -> Expr:
         """Strain (m,) whose stress acts, at q1 or q_mid: the measure less the thermal strain."""
@@ -573,11 +572,6 @@ class StoredForces(ElementForces):
         """The strains (q, m) linearised about the last iterate."""
         self._set_linear_strain()
         return self._linear_strains
-
-    def _evaluated(self, expression: Expr, at_points: fem.Function) -> Callable[[], None]:
-        """Compile an expression; the result evaluates it at the quadrature points of all cells.
-        Collective."""
-        return tabulation(compile_expression(expression, self._points), at_points)
 
     # ---- the energy balance ----------------------------------------------------------------------
 

@@ -32,7 +32,6 @@ from gossamer_fx.core.forms.cell_loops import (
     cell_function,
     tabulation,
 )
-from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import with_derivative
 from gossamer_fx.core.model.body import Array, Indices
@@ -80,7 +79,7 @@ def law_functions(
     points = interpolation_points(strain.function_space)
 
     def compiled(expression: Expr) -> CellFunction:
-        return cell_function(compile_expression(expression, points))
+        return cell_function(expression, points)
 
     # A variable, by which the stress is derived.
     variable = ufl.variable(strain)
@@ -110,7 +109,6 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
         mesh.basix_cell(), value_shape=c_law.numbers.ufl_shape, degree=space.ufl_element().degree
     )
     numbers = fem.Function(fem.functionspace(mesh, element))
-    expression = compile_expression(c_law.numbers, points)
     # C functions of this signature take numbers only, as floats.
     count = np.array([len(points)], dtype=float)
     arguments = (start._cpp_object, strain._cpp_object, numbers._cpp_object)
@@ -124,7 +122,7 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
         responses=(function(rule.function_of(c_law)),),
         sort=None,
         density=function(c_law.density),
-        refresh=tabulation(expression, numbers),
+        refresh=tabulation(c_law.numbers, numbers),
     )
 
 
