@@ -30,6 +30,7 @@ def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses, monkeypatch)
 
     PETSc then returns an infinite solution, at which no force is computed.
     """
+    monkeypatch.setattr(factorisation, "MAX_UNKNOWNS_BLOCKS", 0)
     scene = ropes(comm, masses, 0.0, gx.RigidMotion(spin=(0, 0, 1.0)))
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), halvings=0)
     attempts = []
@@ -186,6 +187,68 @@ def test_blocks_are_factorised_whether_or_not_they_need_pivots(monkeypatch, has_
     assert solution(pc, right) == pytest.approx(np.linalg.solve(saddle, right), rel=1e-11)
     pc.setOperators(blocks_of_three(2 * definite))
     assert solution(pc, right) == pytest.approx(np.linalg.solve(definite, right) / 2, rel=1e-12)
+
+
+def saddle_point(stiffness: float, director: float, random: np.random.Generator) -> np.ndarray:
+    """A matrix of 12 coordinates of films, 9 of the directors of a disc, whose normal has no
+    inertia, and 6 multipliers: three tie a point of the film to the disc, three keep directors
+    normal to each other."""
+    K = random.normal(size=(12, 12))
+    matrix = np.zeros((27, 27))
+    matrix[:12, :12] = stiffness * (K @ K.T + np.eye(12))
+    matrix[15:21, 15:21] = director * np.eye(6)
+    C = np.zeros((6, 21))
+    C[:3, :3] = np.eye(3)
+    C[:3, 15:18] = 0.02 * np.eye(3)
+    d = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    for row, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        C[3 + row, 12 + 3 * i : 15 + 3 * i] = d[j]
+        C[3 + row, 12 + 3 * j : 15 + 3 * j] = d[i]
+    # The lengths of the directors and their turns keep some stiffness in a step.
+    matrix[12:15, 12:15] = director * np.outer(d[0], d[0])
+    matrix[21:, :21] = C
+    matrix[:21, 21:] = C.T
+    return matrix
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 1e6])
+@pytest.mark.parametrize("director", [1.0, 1e-6])
+def test_matrices_with_multipliers_are_factorised_without_pivots(stiffness, director):
+    """Also with directors that have no inertia, and several matrices of one pattern, of which the
+    later ones are ten times as stiff."""
+    random = np.random.default_rng(5)
+    kind = factorisation.SaddlePoint(
+        np.arange(21, 27, dtype=np.int32), [np.arange(12, 21, dtype=np.int32)[None]]
+    )
+    factors = factorisation.BlockFactors(kind)
+    pc = PETSc.PC().create(PETSc.COMM_SELF)
+    pc.setType("python")
+    pc.setPythonContext(factors)
+    for factor in (1.0, 1.0, 10.0):
+        dense = saddle_point(factor * stiffness, factor * director, random)
+        right = dense @ np.ones(27)
+        pc.setOperators(blocks_of_three(dense))
+        found = solution(pc, right)
+        assert factors._in_use is factors._without_pivots
+        assert abs(dense @ found - right).max() < 1e-9 * abs(right).max()
+
+
+def test_after_some_failures_matrices_are_factorised_by_mumps_at_once(monkeypatch):
+    monkeypatch.setattr(factorisation, "MAX_FAILURES", 2)
+    random = np.random.default_rng(3)
+    needs_pivots = random.normal(size=(6, 6))
+    needs_pivots[:3, :3] = needs_pivots[3:, 3:] = 0
+    pc = factorised(needs_pivots)
+    factors = pc.getPythonContext()
+    tried = []
+    attempt = factors._is_factorised
+    factors._is_factorised = lambda matrix: tried.append(1) or attempt(matrix)
+    for _ in range(4):
+        pc.setOperators(blocks_of_three(needs_pivots))
+        assert solution(pc, np.ones(6)) == pytest.approx(
+            np.linalg.solve(needs_pivots, np.ones(6)), rel=1e-11
+        )
+    assert len(tried) == 2
 
 
 def test_singular_blocks_are_told_and_the_next_matrix_is_solved():

@@ -345,11 +345,11 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
             return
     if direct or system.equations.constraints is not None or is_small:
         ksp.setType("preonly")
-        # Multipliers have zeros on the diagonal, and statics singular matrices, which need pivots.
-        if direct or system.equations.constraints is not None:
+        # Statics have singular matrices, which need pivots.
+        if direct:
             factorisation.choose(pc, system.matrices.A)
         else:
-            factorisation.choose_for_steps(pc, system.matrices.A)
+            factorisation.choose_for_steps(pc, system.matrices.A, saddle_point_of(system))
         return
     _choose_gmres(ksp)
     if is_free:
@@ -359,6 +359,26 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         pc.setType("python")
         kind = FactorisedIfDifficult if FactorisedIfDifficult.serves(system) else TwoLevel
         pc.setPythonContext(kind(system))
+
+
+def saddle_point_of(system: System) -> factorisation.SaddlePoint | None:
+    """The multipliers and directors of a system on one rank; None: it has no multipliers, or they
+    are no whole blocks of a matrix."""
+    constraints = system.equations.constraints
+    if constraints is None or system.comm.size > 1:
+        return None
+    owned = constraints.owned
+    multipliers = np.arange(owned.start, owned.stop, dtype=np.int32)
+    if owned.start % 3 or len(multipliers) % 3:
+        return None
+    directors = []
+    for body in system.unknowns.bodies:
+        size = body.block.size
+        if size > 3:
+            own = system.unknowns.block(body).owned
+            rows = np.arange(own.start, own.stop, dtype=np.int32).reshape(-1, size)
+            directors.append(rows[:, 3:])
+    return factorisation.SaddlePoint(multipliers, directors)
 
 
 def _choose_gmres(ksp: PETSc.KSP) -> None:
