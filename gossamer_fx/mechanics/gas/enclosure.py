@@ -37,7 +37,7 @@ from gossamer_fx.core.mesh.quality import area_vectors
 from gossamer_fx.core.model.body import Array, Port, unit
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.film_area import named_triangles
-from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Side, Triangles
+from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Moving, Side, Triangles
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
@@ -326,7 +326,7 @@ class Piston(Enclosure):
         return compiled
 
 
-class _CompiledPiston:
+class _CompiledPiston(Moving):
     """A piston in a running scene; its volume is linear in the coordinates, so G is constant."""
 
     def __init__(self, piston: Piston, system: Assembly) -> None:

@@ -25,6 +25,7 @@ Cost: proportional to the number of triangles and strips.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,7 +109,24 @@ def is_owned(indices: GlobalIndices, numbering: Numbering) -> npt.NDArray[np.boo
     return (numbering.start <= indices) & (indices < end)
 
 
-class ChamberSurfaces:
+class Moving(ABC):
+    """A geometry of a gas that is evaluated once in an iteration."""
+
+    @abstractmethod
+    def follow(self) -> None:
+        """Evaluate it at the end of the step, `system.q1`."""
+
+    @abstractmethod
+    def accept(self) -> None:
+        """Make the end of this step the start of the next."""
+
+    @abstractmethod
+    def add_forces(self, values: Array) -> None:
+        """Subtract the forces of the gas, pressure · G(q_mid) [N], from the owned part of a
+        residual."""
+
+
+class ChamberSurfaces(Moving):
     """The surfaces of all chambers of a scene that patches bound.
 
     Attributes:

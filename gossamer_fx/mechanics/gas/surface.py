@@ -3,31 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.gas.film_area import CompiledFilmArea, FilmArea
-from gossamer_fx.mechanics.gas.patches import ChamberSurfaces
+from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Moving
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
 from gossamer_fx.mechanics.terms.assembly import Assembly
-
-
-class Moving(Protocol):
-    """A geometry that is evaluated once in an iteration."""
-
-    def follow(self) -> None:
-        """Evaluate it at the end of the step, `system.q1`."""
-
-    def accept(self) -> None:
-        """Make the end of this step the start of the next."""
-
-    def add_forces(self, values: Array) -> None:
-        """Subtract the forces of the gas, pressure · G(q_mid) [N], from the owned part of a
-        residual."""
-
 
 # The area of an opening that moves with bodies, taken at the middle of the coming step.
 MovingArea = Loop | CompiledFilmArea
