@@ -206,7 +206,7 @@ class BlockFactors:
         choose(self._with_pivots)
         self._in_use = self._without_pivots
         self._right: PETSc.Vec = None
-        self._shifted: PETSc.Mat | None = None
+        self._shifted: PETSc.Mat = None
         self._shift: PETSc.Vec | None = None
 
     def setUp(self, pc: PETSc.PC) -> None:

@@ -363,7 +363,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
 def saddle_point_of(system: System) -> factorisation.SaddlePoint | None:
     """The multipliers and directors of a system on one rank; None: it has no multipliers, or they
-    are no whole blocks of a matrix."""
+    share blocks of the matrix with coordinates."""
     constraints = system.equations.constraints
     if constraints is None or system.comm.size > 1:
         return None
