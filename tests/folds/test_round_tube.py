@@ -192,7 +192,8 @@ def test_folds_for_another_tube_are_refused(comm) -> None:
 def test_the_first_demo_begins_and_knows_what_is_determined(tmp_path) -> None:
     from demos.inflatables import folded_tube
 
-    found = folded_tube.main(tmp_path, until=0.01)
+    # From 10 ms some searches find no equilibrium, with any solver; from 20 ms all do.
+    found = folded_tube.main(tmp_path, until=0.02)
     assert found["energy_error"] < 1e-10 and found["mass_error"] < 1e-12
     assert found["penetrations"] == 0
     assert found["dissipated by damping"] > 0
