@@ -82,3 +82,19 @@ def test_what_has_no_derivative_is_refused(comm):
         dish.add_derivative(system, *vectors)
     with pytest.raises(gx.InputError, match='at the "mean" has no derivative'):
         gx.probes.SurfaceError(flat, at="mean").add_derivative(system, *vectors)
+
+
+@pytest.mark.mpi
+def test_a_saddle_has_no_focal_length_to_trust(comm, caplog):
+    """The paraboloid that fits it best lies on its side, which is said once."""
+    film = gx.Membrane(
+        crossed_sheet(comm, 4, 4),
+        LAW,
+        displacement=lambda X: np.vstack([0 * X[:2], (X[0] - 0.5) ** 2 - 0.8 * (X[1] - 0.5) ** 2]),
+    )
+    equilibrium = gx.Equilibrium(gx.Scene(film))
+    focal = gx.probes.SurfaceError(film, "paraboloid", quantity="focal_length")
+    for _ in range(2):
+        focal(equilibrium)
+    words = [one.message for one in caplog.records if "from the one asked for" in one.message]
+    assert len(words) == (1 if comm.rank == 0 else 0)

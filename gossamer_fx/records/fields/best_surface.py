@@ -24,10 +24,12 @@ step increases the mean square.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
+from weakref import WeakSet
 
 import numpy as np
 from mpi4py import MPI
@@ -68,11 +70,20 @@ LAST_DAMPING = 1e6
 # from a shallow paraboloid hardly tell a turn of its axis from a slope a.
 NEGLIGIBLE = 1e-13
 
+# Tilt [rad] of a paraboloid, above which the film is hardly one about the designed axis.
+USUAL_TILT = math.pi / 4
+
 # Largest last step, over the size: a longer one is not that of a surface that is nearly found.
 LARGEST_POLISH = 1e-3
 
 # Change of the surface over its size in differences, whose error is of fourth order.
 DIFFERENCE_STEP = 1e-3
+
+
+LOG = logging.getLogger("gossamer_fx")
+
+# Films whose tilt was warned of: a probe asks at each record.
+_WARNED: WeakSet[Membrane] = WeakSet()
 
 
 @check_arguments
@@ -150,7 +161,18 @@ def best_surface(
         (0.25, True)
     """
     samples = Samples.of(state.system, film, group, at)
-    return fit_surface(samples, surface, axis)
+    found = fit_surface(samples, surface, axis)
+    if surface == "paraboloid" and found.tilt > USUAL_TILT and film not in _WARNED:
+        _WARNED.add(film)
+        if state.system.comm.rank == 0:
+            LOG.warning(
+                "best_surface: the axis of the paraboloid that fits '%s' best is %.0f° from the "
+                "one asked for, as of a saddle or of a film with waves: its focal length may jump "
+                "from one fit to another; give surface='plane', or the designed axis.",
+                film.name,
+                math.degrees(found.tilt),
+            )
+    return found
 
 
 @dataclass(frozen=True)
