@@ -89,6 +89,8 @@ def test_folds_that_cannot_be_made_are_refused(comm):
     film = strip(comm)
     stow = gx.fold.Stow(film, spacing=SPACING, layers=1)
     assert stow.end == 0.0
+    with pytest.raises(gx.InputError, match="encloses no gas"):
+        stow.evacuate(10.0)
     half = stow.fold((0.1, 0, 0), (1, 0, 0))
     # The film then lies from 0.1 to 0.2 m.
     with pytest.raises(gx.InputError, match=r"fold 2: the line .* does not cross the film"):

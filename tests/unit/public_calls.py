@@ -643,7 +643,7 @@ def method_calls(inputs: Inputs) -> dict[str, tuple[Callable[..., Any], Call]]:
     mesh = sheet(WORLD, 2, 2)
     zigzag = gx.fold.Zigzag(1.0, 2)
     marked = gx.Membrane(zigzag.mark(mesh), film.law)
-    stow = gx.fold.Stow(film, spacing=1e-2, layers=1)
+    stow = gx.fold.Stow(film, spacing=1e-2)
     gores = gx.patterns.gores([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]], 6)
     sewn = gx.Membrane(gores.mesh(WORLD, along=4, across=2), film.law)
     form = gx.patterns.surface(film)

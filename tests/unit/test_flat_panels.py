@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sphere import sphere
 from tests.pattern_shapes import CONE, CYLINDER, surface_of
 
 FILM = gx.Linear(E=3e7, nu=0.3, density=1000.0, thickness=1e-4)
@@ -167,6 +169,17 @@ def test_a_panel_of_a_sphere_is_the_one_of_least_energy():
         ahead = energy(X + change)
         back = energy(X - change)
         assert abs(ahead - back) < 1e-3 * (ahead + back - 2 * least)
+
+
+def test_gores_of_a_whole_sphere_are_laid_flat():
+    """Their seams pass through corners of an irregular mesh, or nearly, which leaves narrow
+    triangles."""
+    form = gx.patterns.surface(sphere(MPI.COMM_SELF, 1.0, 40))
+    angles = np.pi * np.arange(6) / 6
+    normals = np.stack([-np.sin(angles), np.cos(angles), 0 * angles], axis=1)
+    panels = form.cut(form.by_planes(np.zeros((6, 3)), normals)).flatten(FILM, tension=30.0)
+    assert [panel.length for panel in panels] == pytest.approx([np.pi] * 12, rel=0.02)
+    assert [panel.width for panel in panels] == pytest.approx([np.pi / 6] * 12, rel=0.03)
 
 
 def test_strips_that_cannot_be_laid_flat_are_refused():

@@ -275,6 +275,21 @@ def test_a_geodesic_goes_round_corners_of_the_rim_and_stays_on_its_part():
         form.geodesics([[0.2, 0.2, 1]], [[0.2, 0.2, 0]])
 
 
+def test_lines_between_points_of_round_rims_cut_the_form():
+    """Points of a round inner rim lie above its chords, inside of the form."""
+
+    def horn(u, v):
+        return (0.1 + v) * np.cos(6 * u), (0.1 + v) * np.sin(6 * u), 1 - np.sqrt(v)
+
+    form = surface_of(horn, 40, 12)
+    angle = np.array([1.0, 2.0, 3.0, 4.0])
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    inner = 0.1 * circle + [0, 0, 1]
+    outer = 1.1 * circle
+    assert len(form.cut(form.geodesics(inner, outer))) == 5
+    assert len(form.cut([form.along(ends) for ends in zip(inner, outer, strict=True)])) == 5
+
+
 def side_lengths(mesh, points):
     return np.linalg.norm(np.diff(mesh.points[points], axis=0), axis=1)
 

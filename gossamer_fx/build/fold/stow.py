@@ -445,7 +445,16 @@ class Stow(Group):
     @check_arguments
     def evacuate(self, suction: Annotated[float, not_negative("Pa")]) -> Stow:
         """Draw the gas out of a bag: its pressure goes to `suction` [Pa] below that outside, and
-        stays there until `release`.  Without suction a pressed bag springs back."""
+        stays there until `release`.  Without suction a pressed bag springs back.
+
+        Raises:
+            InputError: a film of one layer, which encloses no gas.
+        """
+        check(
+            self.layers > 1,
+            f"Stow '{self.name}': a film of one layer encloses no gas to evacuate; "
+            "leave evacuate out, or give layers=2.",
+        )
         return self._with(_Evacuate(suction))
 
     @check_arguments

@@ -30,8 +30,9 @@ from gossamer_fx.build.patterns.triangulation import Triangulation, as_list, as_
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
-# Points of a line that are nearer to a corner than this fraction of a side are the corner.
-SNAP = 1e-6
+# Points of a line that are nearer to a corner than this fraction of a side are the corner: narrower
+# triangles would hinder the flattening, and a chord is farther from the form.
+SNAP = 1e-3
 
 # Angle [rad] by which a rim turns at a corner.
 CORNER_ANGLE = np.pi / 6

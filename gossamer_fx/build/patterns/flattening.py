@@ -53,6 +53,12 @@ LAST_CHANGE = 1e-13
 # A change below this one that does not fall any more is round-off.
 ROUND_OFF_CHANGE = 1e-9
 
+# After this number of iterations a change of a point over the size of all panels is small enough:
+# a micrometre in a metre.  Narrow triangles that a seam leaves next to corners of the form are
+# strained so much that a step has an error as large as itself.
+PATIENCE = 30
+SMALL_CHANGE = 1e-6
+
 # Largest strain under the wanted tension
 LARGEST_STRAIN = 0.3
 
@@ -213,7 +219,8 @@ def flattened(mesh: CutMesh, film: TensionedFilm, equal_seams: bool) -> FlatMesh
         weight = MULTIPLIER_FACTOR * float(np.abs(multipliers).max(initial=0.0))
         X, change = problem.improved(X, step.reshape(-1, 2), weight, size)
         stands = change <= ROUND_OFF_CHANGE * size and change > 0.5 * last
-        if change <= LAST_CHANGE * size or stands:
+        is_patient = iteration < PATIENCE or change > SMALL_CHANGE * size
+        if change <= LAST_CHANGE * size or stands or not is_patient:
             strain = problem.strain(X)
             return FlatMesh(X, strain, strain @ film.stiffness, iteration)
         last = change

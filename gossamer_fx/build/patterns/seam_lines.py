@@ -16,8 +16,8 @@ the plane through both that contains the mean normal of the surface there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,10 @@ ON_SIDE = 1e-6
 
 # Distance of given points from the surface, over its size, that is refused.
 FAR = 0.02
+
+# Height over a side at the rim, over that of the triangle, below which the end of a line is on the
+# rim: points of a round rim lie off its chords by h/8 of their length times the angle between them.
+AT_RIM = 0.05
 
 # Length of the way from a point to the next, over their distance, at which a search is given up.
 LONGEST_WAY = 10.0
@@ -181,8 +185,11 @@ def without_points(triangles: Numbers, starts: Array, ends: Array) -> list[SeamL
     return [SeamLine(triangles[is_long], starts[is_long], ends[is_long])]
 
 
-def points_on(surface: Triangulation, given: Array, what: str) -> ClosestPoints:
-    """The points of a surface that are closest to given ones (n, 3) [m], which are near it."""
+def points_on(
+    surface: Triangulation, neighbours: Neighbours, given: Array, what: str, ends: Sequence[int]
+) -> ClosestPoints:
+    """The points of a surface that are closest to given ones (n, 3) [m], which are near it; those
+    with the numbers `ends` are at the rim if it is near, so that a line from there cuts it."""
     on = surface.closest(given)
     farthest = int(on.distance.argmax())
     check(
@@ -190,13 +197,22 @@ def points_on(surface: Triangulation, given: Array, what: str) -> ClosestPoints:
         f"{what} {farthest + 1} is {on.distance[farthest]:.3g} m away from the surface; "
         "give points on it.",
     )
-    return on
+    weights = on.weights.copy()
+    for k in ends:
+        for side in np.flatnonzero(neighbours.across[on.triangle[k]] < 0):
+            opposite = (side + 2) % 3
+            if 0 < weights[k, opposite] < AT_RIM:
+                weights[k, opposite] = 0.0
+                weights[k] /= weights[k].sum()
+    corners = surface.points[surface.triangles[on.triangle]]
+    return replace(on, weights=weights, points=np.einsum("nk,nkc->nc", weights, corners))
 
 
 def line_through(surface: Triangulation, neighbours: Neighbours, given: Array) -> SeamLine:
     """The line through points (n, 3) [m], which are moved to the closest ones of the surface."""
     size = surface.extent
-    on = points_on(surface, given, "FormSurface.along: point")
+    first_and_last = (0, len(given) - 1)
+    on = points_on(surface, neighbours, given, "FormSurface.along: point", first_and_last)
     triangles: list[int] = []
     points: list[Array] = [on.points[0]]
     for k in range(len(given) - 1):

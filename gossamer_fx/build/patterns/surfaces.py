@@ -137,8 +137,9 @@ class FormSurface(Triangulation):
     def along(self, points: npt.ArrayLike) -> SeamLine:
         """The line on the surface through given points, e.g. for a seam.
 
-        Each point is moved to the closest one of the surface.  Between two points the line is in
-        the plane through both that contains the normal of the surface.
+        Each point is moved to the closest one of the surface, and an end that is then near the rim
+        to the rim.  Between two points the line is in the plane through both that contains the
+        normal of the surface.
 
         Args:
             points: two or more points (n, 3) [m] in the order of the line.
@@ -161,7 +162,8 @@ class FormSurface(Triangulation):
     def geodesics(self, starts: npt.ArrayLike, ends: npt.ArrayLike) -> list[SeamLine]:
         """The shortest lines on the surface between pairs of points, e.g. for seams.
 
-        Each point is moved to the closest one of the surface.  A geodesic is the straightest line:
+        Each point is moved to the closest one of the surface, and to the rim if that is near.  A
+        geodesic is the straightest line:
         a strip between two of them has the straightest edges when it is flat.  If there are several
         ways, e.g. on both sides of a hill, it is the shortest one nearby; give it in parts, with a
         point between them, to have another one.
@@ -188,8 +190,10 @@ class FormSurface(Triangulation):
             f"FormSurface.geodesics: there are {len(given)} starts and {len(given_ends)} ends; "
             "give as many.",
         )
-        from_points = points_on(self, given, "FormSurface.geodesics: start")
-        to_points = points_on(self, given_ends, "FormSurface.geodesics: end")
+        every = range(len(given))
+        near = self._neighbours
+        from_points = points_on(self, near, given, "FormSurface.geodesics: start", every)
+        to_points = points_on(self, near, given_ends, "FormSurface.geodesics: end", every)
         lines = []
         for k in range(len(given)):
             line = geodesic(
