@@ -40,6 +40,7 @@ from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.probes.objective import Objective
 
@@ -278,6 +279,8 @@ class Optimum:
     message: str
     values: list[float] = field(default_factory=list)
     amounts: dict[str, Array] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
 
 @check_arguments

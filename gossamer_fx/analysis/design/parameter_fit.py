@@ -41,6 +41,7 @@ from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.probes.objective import Objective
 
@@ -83,6 +84,8 @@ class Fit:
     residuals: Array
     scatter: float
     iterations: int
+
+    __repr__ = short_repr
 
 
 @check_arguments

@@ -62,6 +62,7 @@ from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.analysis.vibration.spectrum import UNKNOWN, count_unstable
 from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
+from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.records.outputs.output import Output, evaluate_probe
 from gossamer_fx.records.outputs.static_records import OpenedOutputs
@@ -175,6 +176,8 @@ class EquilibriumPath:
     branch_points: tuple[int, ...]
     iterations: int
     complete: bool
+
+    __repr__ = short_repr
 
 
 @check_arguments

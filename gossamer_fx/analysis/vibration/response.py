@@ -32,6 +32,7 @@ from gossamer_fx.analysis.vibration.modal_model import (
 from gossamer_fx.analysis.vibration.natural_modes import Mode
 from gossamer_fx.core.checks.arguments import check_arguments, collective, not_negative
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Vector
 from gossamer_fx.records.plot.written_panels import written_panels
@@ -84,6 +85,8 @@ class HarmonicResponse:
     values: Mapping[str, Complex]
     ground: Mapping[str, float] = field(default_factory=dict)
     states: Callable[[float], Mode] | None = None
+
+    __repr__ = short_repr
 
     def amplitude(self, name: str) -> Array:
         """Amplitude of a result, (m,)."""
@@ -157,6 +160,8 @@ class RandomResponse:
     rms: Mapping[str, float]
     crossings: Mapping[str, float]
     acceleration_rms: Mapping[str, float] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     @check_arguments
     def largest(self, name: str, duration: Annotated[float, not_negative("s")]) -> float:

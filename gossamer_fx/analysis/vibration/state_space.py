@@ -46,6 +46,7 @@ from gossamer_fx.core.checks.arguments import (
     positive,
 )
 from gossamer_fx.core.checks.errors import check, output_failures
+from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.laws.law import build_library
 from gossamer_fx.core.model.body import Array, Vector
 from gossamer_fx.version import VERSION
@@ -82,6 +83,8 @@ class StateSpace:
     at_rest: Array
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+
+    __repr__ = short_repr
 
     @check_arguments
     def simulate(

@@ -27,6 +27,7 @@ from gossamer_fx.build.patterns.flattening import FlatMesh, TensionedFilm
 from gossamer_fx.build.patterns.triangulation import Triangulation, as_list, as_rows, sides_of
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.mesh.gmsh_reader import check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, built
 from gossamer_fx.core.model.body import Array
@@ -147,6 +148,8 @@ class Deviation:
 
     points: Array
     distances: Array
+
+    __repr__ = short_repr
 
     @property
     def rms(self) -> float:

@@ -13,6 +13,7 @@ from dolfinx import fem
 from gossamer_fx.core.algebra.point_measures import evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.model.body import Array
@@ -59,6 +60,8 @@ class LineValues:
     tension: Array
     strain: Array
     length: Array
+
+    __repr__ = short_repr
 
     @property
     def distance(self) -> Array:
