@@ -240,6 +240,11 @@ STUDY = Study(
         "outcome, largest_radius, smallest_radius, imbalance, nutation_at_start, nutation, "
         f"{LEDGER}"
     ),
+    # A folded sail moves chaotically: three processors end up to 2 % from each other.
+    repeatability=0.05,
+    not_repeatable=dict.fromkeys(
+        ("spin_of_hub", "nutation", "imbalance"), "it follows round-off of the deployment"
+    ),
     may_fail=True,
     draw=draw,
 )

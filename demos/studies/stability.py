@@ -226,6 +226,8 @@ STUDY = Study(
     # A cell that completed with larger ones has ended the study already.
     limits={"energy_error": ENERGY, "mass_error": MASS},
     columns="iterations, substeps, energy_error, mass_error, seconds",
+    # A step of 10 s is made of 17, in which the tube moves chaotically.
+    repeatability=1e-2,
     may_fail=True,
     expected_warnings={"nothing damps it": "one film is undamped on purpose"},
     draw=draw,

@@ -147,6 +147,7 @@ NOT_COMPARED = {
     "energy_error",
     "mass_error",
     "angular_momentum_drift",
+    "momentum_error",
     "rejected",
     "substeps",
     "steps",
