@@ -122,8 +122,8 @@ STUDY = Study(
         "ratio1 3 ms, ratio2 3 ms, ratio1 5 ms, ratio2 5 ms, mean1, mean2, opened1 [ms], "
         "opened2 [ms], penetrations, energy_error, rejected, steps, seconds"
     ),
-    # Folded film moves chaotically: three processors, and solvers that differ by round-off, end up to
-    # 9 % from each other.
+    # Folded film moves chaotically: three processors, and solvers that differ by round-off, end up
+    # to 9 % from each other.
     repeatability=0.1,
     may_fail=True,
     expected_warnings={"nothing damps it": "one film is undamped on purpose, for comparison"},
