@@ -247,3 +247,19 @@ def test_a_line_search_is_refused(comm):
             gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
     finally:
         options.delValue("snes_linesearch_type")
+
+
+@pytest.mark.mpi
+def test_components_of_loads_and_supports_add_up_to_zero(comm):
+    """Six numbers of each, about one point, by names that say their units."""
+    film = gx.Membrane(sheet(comm, 3, 3), LAW, initial_stress=1e6, name="film")
+    edges = [gx.Fixed(film, "left"), gx.Fixed(film, "right")]
+    loads = [gx.Gravity(film), gx.loads.EdgeLoad(film, "top", force=(0.0, 3.0, 1.0))]
+    equilibrium = at_rest(*edges, *loads)
+    about = (0.2, -0.3, 1.0)
+    supports = [gx.probes.Reaction.components(edge, "edge", about=about) for edge in edges]
+    acting = [gx.probes.LoadResultant.components(one.name, "load", about=about) for one in loads]
+    assert list(acting[0])[5] == "load torque z [N m]"
+    rows = [[probe(equilibrium) for probe in six.values()] for six in (*supports, *acting)]
+    assert np.abs(rows).max() > 1.0
+    assert np.sum(rows, axis=0) == pytest.approx(np.zeros(6), abs=1e-6)

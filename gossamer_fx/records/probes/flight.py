@@ -187,6 +187,30 @@ class LoadResultant:
         about_centre = torque - np.cross(centre, force)
         return float(about_centre[component])
 
+    @classmethod
+    def components(
+        cls,
+        load: str,
+        name: str = "",
+        *,
+        about: Orbit | tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> dict[str, LoadResultant]:
+        """Probes of all six components by the names of their columns, "NAME force x [N]" to "NAME
+        torque z [N m]", as those of `Reaction.components`.
+
+        Args:
+            load: name of the load.
+            name: with which the names of the columns begin; empty: that of the load.
+            about: of the torques.
+
+        Example:
+            >>> list(gx.probes.LoadResultant.components("wind"))[:2]
+            ['wind force x [N]', 'wind force y [N]']
+        """
+        actions: tuple[Literal["force", "torque"], ...] = ("force", "torque")
+        probes = [cls(about, load, action=action, axis=axis) for action in actions for axis in AXES]
+        return {f"{name or load} {one.action} {one.axis} [{one.unit}]": one for one in probes}
+
 
 def resultant(run: StateView, load: str) -> Array:
     """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3)."""
