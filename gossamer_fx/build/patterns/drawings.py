@@ -6,6 +6,7 @@ distances are compared with the size of the drawing.
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -42,6 +43,9 @@ SAGITTA = 1e-5
 
 # Most curves, texts and blocks of a drawing: blocks in blocks may stand for any number of them.
 MAX_ENTITIES = 200_000
+
+# Pairs of edges that are compared at once.
+PAIRS_AT_ONCE = 100_000
 
 # Name of the group of all triangles.
 ALL_PANELS = "film"
@@ -440,32 +444,46 @@ def _check_apart(polygons: Sequence[Array], tolerance: float, path: str) -> None
     following[firsts[1:] - 1] = firsts[:-1]
     low = np.minimum(starts, ends) - tolerance
     high = np.maximum(starts, ends) + tolerance
-    # A sweep along x: only edges that begin before one ends can meet it.
-    order = np.argsort(low[:, 0])
-    reach = np.searchsorted(low[order, 0], high[order, 0])
-    for k, i in enumerate(order):
-        others = order[k + 1 : reach[k]]
-        near = others[(low[others, 1] <= high[i, 1]) & (high[others, 1] >= low[i, 1])]
+    for i, j in _near_pairs(low, high):
         # Neighbours may fold back onto each other: of these, the other ends have to be apart.
-        after = near[near == following[i]]
-        before = near[following[near] == i]
-        rest = np.setdiff1d(near, np.concatenate([after, before]))
-        touching = [
-            *rest[_segments_touch(starts[i], ends[i], starts[rest], ends[rest], tolerance)],
-            *after[_near_segment(ends[after], starts[i], ends[i], tolerance)],
-            *before[_near_segment(starts[before], starts[i], ends[i], tolerance)],
-        ]
-        x, y = starts[i]
+        is_after = j == following[i]
+        is_before = following[j] == i
+        segment = starts[i], ends[i]
+        touches = ~(is_after | is_before)
+        touches &= _segments_touch(*segment, starts[j], ends[j], tolerance)
+        touches |= is_after & _near_segment(ends[j], *segment, tolerance)
+        touches |= is_before & _near_segment(starts[j], *segment, tolerance)
+        x, y = starts[i[touches.argmax()]] if touches.size else (0.0, 0.0)
         check(
-            not touching,
+            not touches.any(),
             f"The drawing '{path}' has outlines that touch or cross, or one that touches itself, "
             f"on the line from ({x:.6g}, {y:.6g}) m; keep outlines and holes apart.",
         )
 
 
+def _near_pairs(low: Array, high: Array) -> Iterator[tuple[Indices, Indices]]:
+    """Pairs (i, j) of boxes that overlap, from their lowest and highest corners (n, 2) [m], each
+    once; in parts that need little memory.
+
+    A sweep along x: only boxes that begin before one ends can meet it.
+    """
+    order = np.argsort(low[:, 0])
+    reach = np.searchsorted(low[order, 0], high[order, 0])
+    # How many boxes follow each, and before it of those of all.
+    counts = np.maximum(reach - np.arange(1, len(order) + 1), 0)
+    total = np.concatenate([[0], np.cumsum(counts)])
+    parts = np.searchsorted(total, np.arange(0, total[-1], PAIRS_AT_ONCE))
+    for first, last in itertools.pairwise([*np.unique(parts), len(order)]):
+        own = np.repeat(np.arange(first, last), counts[first:last])
+        other = own + 1 + np.arange(len(own)) - (total[own] - total[first])
+        i, j = order[own], order[other]
+        overlaps = (low[j, 1] <= high[i, 1]) & (high[j, 1] >= low[i, 1])
+        yield i[overlaps], j[overlaps]
+
+
 def _segments_touch(a: Array, b: Array, p: Array, q: Array, tolerance: float) -> Mask:
-    """Whether the segment from a to b (2,) [m] comes nearer than a tolerance to each of those from
-    p to q (n, 2)."""
+    """Whether segments from a to b (n, 2) [m] come nearer than a tolerance to those from p to q
+    (n, 2), one to one."""
 
     def side(start: Array, end: Array, point: Array) -> Array:
         """Positive for points to the left of a line, negative to the right."""
