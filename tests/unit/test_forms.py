@@ -233,6 +233,21 @@ def test_options_of_the_compiler_belong_to_a_kernel(cache, monkeypatch, options)
     assert len(list(cache.glob("libffcx_*.c"))) == (2 if options else 1)
 
 
+def test_the_compiler_does_not_search_its_graph_for_each_subexpression(cache, monkeypatch):
+    from ffcx.ir.analysis.valuenumbering import ValueNumberer
+
+    def search(*arguments):
+        raise AssertionError("a search in proportion to the square of the expression")
+
+    monkeypatch.setattr(ValueNumberer, "get_node_symbols", search)
+    domain = mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
+    (f,) = numbered(domain, (3.0,))
+    # An indexed vector, whose symbols are those of its entries.
+    v = ufl.as_vector([2 * f, f])
+    assert value_of(v[0] + ufl.dot(v, v), domain) == pytest.approx(6.0 + 45.0)
+    assert ValueNumberer.get_node_symbols is search
+
+
 def test_kernels_keep_no_function_and_no_mesh(cache):
     def compiled() -> list[weakref.ref]:
         domain = mesh.create_unit_square(MPI.COMM_SELF, 1, 1)

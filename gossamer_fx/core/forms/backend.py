@@ -204,6 +204,26 @@ def gmsh_order(kind: str, nodes: int) -> Indices:
 
 
 @contextmanager
+def _symbols_by_hash() -> Iterator[None]:
+    """Let FFCx look up the symbols of a subexpression in the table of its graph.
+
+    By itself it compares each one with all others: for the law of a film that wrinkles that is half
+    of the time of a compilation, without that of the C compiler.
+    """
+    numberer: Any = import_module("ffcx.ir.analysis.valuenumbering").ValueNumberer
+    search = numberer.get_node_symbols
+
+    def look_up(self: Any, expression: Any) -> Any:
+        return self.V_symbols[self.G.e2i[expression]]
+
+    numberer.get_node_symbols = look_up
+    try:
+        yield
+    finally:
+        numberer.get_node_symbols = search
+
+
+@contextmanager
 def loaded_kernel(kernels: dict[bytes, Any], key: bytes) -> Iterator[None]:
     """Let dolfinx take the kernel of a form or expression from a dictionary, whose values are what
     its `ffcx_jit` returns, or enter there the one that it compiles or finds on disk.  dolfinx has
@@ -212,7 +232,8 @@ def loaded_kernel(kernels: dict[bytes, Any], key: bytes) -> Iterator[None]:
 
     def take(*args: Any, **options: Any) -> Any:
         if key not in kernels:
-            compiled, module, _ = compile_or_find(*args, **options)
+            with _symbols_by_hash():
+                compiled, module, _ = compile_or_find(*args, **options)
             # The source is not kept: it is much larger than the kernel.
             kernels[key] = (compiled, module, (None, None))
         return kernels[key]
