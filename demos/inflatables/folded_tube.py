@@ -57,7 +57,7 @@ from demos.common.tube_bending import tip_stiffness
 from gossamer_fx.extend import Array, Probe, on_rank_zero, read_results
 from gossamer_fx.meshes.round_tube import round_tube
 from gossamer_fx.presets.films import KAPTON_HN
-from gossamer_fx.presets.gases import NITROGEN
+from gossamer_fx.presets.gases import AIR, NITROGEN
 
 TITLE = "A folded tube deploys from a tank to a stiff boom"
 VIEW = gx.plot.View(azimuth=math.radians(-25), elevation=math.radians(15))
@@ -68,6 +68,7 @@ BAND = (1.0, 1e5)
 # The tip has arrived at this part of the length from the clamp.
 ARRIVED = 0.9
 HALFWAY = 0.5
+RESIDUAL_PRESSURE = 1.0  # of the gas in the folded tube above that outside [Pa]
 OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
 # Time [s] over which the largest swing of the tip is taken, longer than a period.
 SWING_TIME = 0.05
@@ -102,6 +103,10 @@ def build(
     contact: float = 5e-4,
     contact_stiffness: float | None = None,
     nudge: float = 0.0,
+    glider: float = 0.0,
+    air: float = 0.0,
+    drag: float = 1.2,
+    gravity: float = 0.0,
     until: float = UNTIL,
     dt: float = 1e-4,
     iterations: int = 12,
@@ -125,6 +130,11 @@ def build(
         contact: activation distance [m].
         contact_stiffness: [N/m³]; None: from closing speeds.
         nudge: relative change of the pressure of the tank, to see what is chaotic.
+        glider: mass of the glider on a straight track that carries the plate [kg]; 0: the plate is
+            free.
+        air: pressure of the air outside [Pa]; 0: vacuum.
+        drag: drag coefficient of the film in that air, at 293 K.
+        gravity: acceleration along -z, across the track [m/s²].
         until: end of the run [s].
         dt: first step [s]; the largest is eight times as long.
         iterations: Newton iterations that the step control aims at.
@@ -140,7 +150,7 @@ def build(
     # A disc: half of the moment of inertia about its axis is that about its diameters.
     inertia = plate * diameter**2 / 16
     disc = gx.RigidBody(
-        plate,
+        plate + glider,
         (2 * inertia, inertia, inertia),
         position=folds.tip,
         name="end plate",
@@ -150,7 +160,9 @@ def build(
         round_tube(comm, **sizes),
         KAPTON_HN.law(thickness, residual_stiffness=residual_stiffness),
         gas=NITROGEN,
+        pressure=RESIDUAL_PRESSURE + air,
         dead_volume=dead_volume,
+        outside=gx.gas.Ambient(air) if air else None,
         caps={"tip": disc},
         folds=folds,
         contact_distance=contact,
@@ -160,6 +172,16 @@ def build(
     whole = math.pi / 4 * bore**2
     valve = tube.inlet(source, lambda t: whole * min(0.1 + t / rise, 1.0) ** 2)
     items: list[object] = [tube, valve]
+    if glider:
+        # The rail carries the glider: the plate moves along the axis of the tube and does not turn.
+        rail = gx.constraints.PrismaticJoint(
+            gx.ground_frame(), disc.frame(), axis=(1.0, 0.0, 0.0), name="track"
+        )
+        items.append(rail)
+    if air and drag:
+        items.append(gx.loads.AirDrag(tube.film, air / (AIR.R * 293.0), drag_coefficient=drag))
+    if gravity:
+        items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if loss_factor:
         items.append(
             gx.loads.flat_damping(
