@@ -107,6 +107,7 @@ def build(
     air: float = 0.0,
     drag: float = 1.2,
     gravity: float = 0.0,
+    supply: float = 0.0,
     until: float = UNTIL,
     dt: float = 1e-4,
     iterations: int = 12,
@@ -135,6 +136,8 @@ def build(
         air: pressure of the air outside [Pa]; 0: vacuum.
         drag: drag coefficient of the film in that air, at 293 K.
         gravity: acceleration along -z, across the track [m/s²].
+        supply: pressure above that outside [Pa] of a large reservoir in place of the tank; 0: the
+            tank.
         until: end of the run [s].
         dt: first step [s]; the largest is eight times as long.
         iterations: Newton iterations that the step control aims at.
@@ -168,7 +171,12 @@ def build(
         contact_distance=contact,
         contact_stiffness=contact_stiffness,
     )
-    source = gx.Tank(tank, gas=NITROGEN, pressure=pressure * (1 + nudge), temperature=293.0)
+    source: gx.Tank | gx.gas.Ambient
+    if supply:
+        pressure = air + supply * (1 + nudge)
+        source = gx.gas.Ambient(pressure, temperature=293.0, name="supply")
+    else:
+        source = gx.Tank(tank, gas=NITROGEN, pressure=pressure * (1 + nudge), temperature=293.0)
     whole = math.pi / 4 * bore**2
     valve = tube.inlet(source, lambda t: whole * min(0.1 + t / rise, 1.0) ** 2)
     items: list[object] = [tube, valve]
