@@ -209,6 +209,24 @@ def test_the_first_demo_begins_and_knows_what_is_determined(tmp_path) -> None:
         assert verdicts[name].startswith("not determined: ")
 
 
+@pytest.mark.mpi
+def test_a_glider_on_a_track_carries_the_plate(comm) -> None:
+    """It moves along the axis without a turn; the supply fills the tube above the air outside."""
+    from demos.inflatables.folded_tube import build, plate_of, tube_of
+
+    case = build(comm, glider=0.05, air=1e5, supply=7e3, bore=6e-3, gravity=9.81, until=2e-3)
+    tube = tube_of(case)
+    run = case.simulation()
+    run.run(until=case.until)
+    tip = plate_of(tube).port()
+    start = tip.initial()
+    position = np.array([gx.probes.Position(tip, axis)(run) for axis in "xyz"])
+    assert position[0] > start[0]
+    assert abs(position - start)[1:].max() < 1e-12
+    assert 1e5 < run.chamber(tube.chambers[0].name).pressure < 1.07e5
+    assert abs(run.energy_error) < 1e-12 and abs(run.mass_error) < 1e-12
+
+
 @pytest.mark.slow
 @pytest.mark.mpi
 def test_the_first_demo_becomes_a_straight_stiff_boom(comm) -> None:
