@@ -110,7 +110,7 @@ STUDY = SpreadStudy(
         "in air: ring 3 [ms]": Expected("not determined", 20.0, 60.0),
     },
     chance=["nudge"],
-    quick={"nudge": [0.0]},
-    quick_options={"until": 0.012},
+    quick={"nudge": NUDGES[:2]},
+    quick_options={"until": 0.006},
     limits={"energy_error": 1e-9, "penetrations": 0},
 )
