@@ -2,7 +2,8 @@
 // from `gossamer watch`.
 "use strict";
 const curves = (function () {
-  const WIDTH = 380, HEIGHT = 170, LEFT = 52, RIGHT = 8, TOP = 6, BOTTOM = 30;
+  // RIGHT leaves room for half of the last number of the time axis.
+  const WIDTH = 380, HEIGHT = 170, LEFT = 52, RIGHT = 16, TOP = 6, BOTTOM = 30;
   const frame = document.getElementById("curves");
   // The name of the language of pictures; a page has no addresses.
   const template = document.createElement("template");
