@@ -173,6 +173,9 @@ def test_a_rigid_body_without_a_shape_is_a_box_of_its_inertia(tmp_path) -> None:
     assert np.ptp(points, axis=0) == pytest.approx((b, a, c), rel=1e-5)
     assert points.mean(axis=0) == pytest.approx((1, 2, 3))
     assert [solid.name for solid in reader.solids] == ["hub"]
+    # The view can hide the box and the dot of its centre one by one.
+    [parts] = RunView(reader).whole()["header"]["meshes"]
+    assert [part["name"] for part in parts] == ["hub", "hub, centre"]
     corners = points[reader.solids[0].triangles]
     x, y, z = corners[:, 0], corners[:, 1], corners[:, 2]
     # Its faces look outwards.

@@ -294,6 +294,9 @@ class RunView:
             yield _Part(name, pieces, solid_positions, _no_values)
         for number, name in enumerate(self.run.point_names):
             dot = partial(self._dot_position, number)
+            # A rigid body is drawn as a solid, too: the boxes that hide them have different names.
+            if name in names_of_solids:
+                name = f"{name}, centre"
             yield _Part(name, np.zeros((0, 2), dtype=np.int64), dot, _no_values)
 
     def _start(self, files: tuple[int, ...]) -> list[Array]:
