@@ -233,24 +233,6 @@ def test_matrices_with_multipliers_are_factorised_without_pivots(stiffness, dire
         assert abs(dense @ found - right).max() < 1e-9 * abs(right).max()
 
 
-def test_after_some_failures_matrices_are_factorised_by_mumps_at_once(monkeypatch):
-    monkeypatch.setattr(factorisation, "MAX_FAILURES", 2)
-    random = np.random.default_rng(3)
-    needs_pivots = random.normal(size=(6, 6))
-    needs_pivots[:3, :3] = needs_pivots[3:, 3:] = 0
-    pc = factorised(needs_pivots)
-    factors = pc.getPythonContext()
-    tried = []
-    attempt = factors._is_factorised
-    factors._is_factorised = lambda matrix: tried.append(1) or attempt(matrix)
-    for _ in range(4):
-        pc.setOperators(blocks_of_three(needs_pivots))
-        assert solution(pc, np.ones(6)) == pytest.approx(
-            np.linalg.solve(needs_pivots, np.ones(6)), rel=1e-11
-        )
-    assert len(tried) == 2
-
-
 def test_singular_blocks_are_told_and_the_next_matrix_is_solved():
     """A row of zeros has no pivot; the iteration that asked ends with NaN and goes on with the next
     matrix."""

@@ -9,6 +9,7 @@ sections on control parameters and error diagnostics).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,6 +18,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.block_entries import block_keys, stored_blocks
 from gossamer_fx.core.algebra.numbering import PREFIX
 from gossamer_fx.core.model.body import Array, Indices
 
@@ -67,9 +69,8 @@ MAX_FILL = 150.0
 REGULARISATION = 1e-7
 REFINEMENTS = 2
 
-# Matrices in a row that were not accurately factorised without pivots, after which no more are
-# tried.
-MAX_FAILURES = 8
+# Stiffness of a coordinate without mass, over that of others: what is below is round-off.
+NO_STIFFNESS = 1e-18
 
 # Relative residual of a solution from which the factors of blocks are not accurate enough.
 # Measured in the tube and the sheet: 1e-15 to 3e-14.
@@ -152,26 +153,49 @@ class SaddlePoint:
     multipliers: Indices
     directors: Sequence[Indices]
 
-    def shift(self, matrix: PETSc.Mat) -> Array:
-        """What (1) adds to the diagonal of a matrix (size,)."""
-        diagonal = matrix.getDiagonal().array
-        stiffness = np.abs(diagonal)
-        shift = np.zeros(len(diagonal))
-        for rows in self.directors:
-            stiffness[rows] = stiffness[rows].max(axis=1, keepdims=True)
-            shift[rows] = REGULARISATION * stiffness[rows]
-        blocks = (self.multipliers[::3] // 3).astype(PETSc.IntType)
-        of_multipliers = PETSc.IS().createBlock(3, blocks, comm=PETSc.COMM_SELF)
-        C = matrix.createSubMatrix(of_multipliers).convert("aij")
-        ends, columns, values = C.getValuesCSR()
-        # Multipliers among themselves have no entries, held coordinates those of the unit matrix.
-        compliance = values**2 / np.maximum(stiffness[columns], TINY) * (values != 0)
-        rows = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
-        shift[self.multipliers] = -REGULARISATION * np.bincount(
-            rows, compliance, minlength=len(self.multipliers)
-        )
-        C.destroy()
+    def shift(self, matrix: PETSc.Mat, rows: MultiplierRows) -> Array | None:
+        """What (1) adds to the diagonal of a matrix (size,); `rows` are those of its multipliers.
+        None: it needs pivots, as a part has no mass, such as the frame of a region that is rigid.
+
+        It follows from this matrix alone, so that a step that is undone and made again is the same.
+        """
+        stiffness = np.abs(matrix.getDiagonal().array)
+        shift = np.zeros(len(stiffness))
+        for nodes in self.directors:
+            stiffness[nodes] = stiffness[nodes].max(axis=1, keepdims=True)
+            shift[nodes] = REGULARISATION * stiffness[nodes]
+        of_coordinates = stiffness[: self.multipliers[0]]
+        if of_coordinates.min(initial=math.inf) <= NO_STIFFNESS * np.median(of_coordinates):
+            return None
+        # Entries of multipliers among themselves are zero.
+        flexibility = 1 / np.maximum(stiffness, TINY)
+        flexibility[self.multipliers] = 0
+        shift[self.multipliers] = -REGULARISATION * rows.sums(flexibility)
         return shift
+
+
+class MultiplierRows:
+    """The stored blocks of the multipliers' rows of a matrix of 3 x 3 blocks on one rank, whose
+    pattern does not change."""
+
+    def __init__(self, matrix: PETSc.Mat, multipliers: Indices) -> None:
+        keys = block_keys(matrix)
+        rows, self._columns = np.divmod(keys, matrix.getSize()[0] // 3)
+        first = multipliers[0] // 3
+        self._found = np.flatnonzero(rows >= first)
+        self._rows = rows[self._found] - first
+        self._columns = self._columns[self._found]
+        self._values = stored_blocks(matrix)
+        self._count = len(multipliers) // 3
+
+    def sums(self, weights: Array) -> Array:
+        """Σ_j w_j C_ij² (m,) over the columns j of each row i, for weights w (size,)."""
+        # Stored column by column.
+        squares = self._values[self._found].reshape(-1, 3, 3) ** 2
+        products = np.einsum("bji,bj->bi", squares, weights.reshape(-1, 3)[self._columns])
+        sums = np.zeros((self._count, 3))
+        np.add.at(sums, self._rows, products)
+        return sums.ravel()
 
 
 class BlockFactors:
@@ -180,9 +204,8 @@ class BlockFactors:
     PETSc factorises blocks in the order of (approximate) minimum degree and without pivoting, which
     is fast for small matrices: a new pattern costs 0.05 ms, MUMPS takes 0.4 ms for it.  Each
     factorisation is tested by one solution; a matrix that needs pivots is factorised by MUMPS
-    instead, and after `MAX_FAILURES` in a row the later ones are, too.  `problem` says why the last
-    factorisation failed, `fill` how many numbers the last factors without pivots store for an
-    unknown.
+    instead.  `problem` says why the last factorisation failed, `fill` how many numbers the last
+    factors without pivots store for an unknown.
 
     Args:
         saddle_point: of matrices with Lagrange multipliers; None: there are none.
@@ -197,7 +220,6 @@ class BlockFactors:
         pivots."""
         self._saddle_point = saddle_point
         self._matrix: PETSc.Mat | None = None
-        self._failures = 0  # in a row
         self._without_pivots = PETSc.PC().create(PETSc.COMM_SELF)
         self._without_pivots.setType("lu")
         self._without_pivots.setFactorSolverType("petsc")
@@ -207,7 +229,6 @@ class BlockFactors:
         self._in_use = self._without_pivots
         self._right: PETSc.Vec = None
         self._shifted: PETSc.Mat = None
-        self._shift: PETSc.Vec | None = None
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Factorise the matrix of the preconditioner, without pivots or else by MUMPS; called by
@@ -220,46 +241,38 @@ class BlockFactors:
             self._correction = self._right.duplicate()
             self._right.set(1.0)
         self.problem = ""
-        if self._failures < MAX_FAILURES:
-            self._in_use = self._without_pivots
-            if self._is_factorised(matrix):
-                stored = self._without_pivots.getFactorMatrix().getInfo()["nz_used"]
-                self.fill = float(stored) / matrix.getSize()[0]
-                self._failures = 0
-                return
-            self._failures += 1
+        self._in_use = self._without_pivots
+        if self._is_factorised(matrix):
+            stored = self._without_pivots.getFactorMatrix().getInfo()["nz_used"]
+            self.fill = float(stored) / matrix.getSize()[0]
+            return
         self._in_use = self._with_pivots
         self._with_pivots.setOperators(matrix)
         self.problem = set_up(self._with_pivots)
 
     def _is_factorised(self, matrix: PETSc.Mat) -> bool:
         """Factorise a matrix without pivots; returns whether the factors are accurate enough."""
-        if self._saddle_point is None:
+        saddle_point = self._saddle_point
+        if saddle_point is None:
             return self._is_factorised_as(matrix, matrix)
-        is_old_shift = self._shift is not None
-        if self._shift is None:
-            self._shift = self._solution.duplicate()
-            self._shift.array[:] = shift = self._saddle_point.shift(matrix)
-            # The displacement [m] of a force of 1 N, for which the others are tested.
-            multipliers = self._saddle_point.multipliers
-            self._right.array[multipliers] = np.abs(shift[multipliers]) / REGULARISATION
-        if self._is_factorised_as(matrix, self._shifted_by(self._shift, matrix)):
-            return True
-        # The shift depends on the step and changes slowly: another one is computed only now.
-        self._shift.destroy()
-        self._shift = None
-        return is_old_shift and self._is_factorised(matrix)
-
-    def _shifted_by(self, shift: PETSc.Vec, matrix: PETSc.Mat) -> PETSc.Mat:
-        """(1) of `SaddlePoint`, in one matrix while the pattern stays, which PETSc then does not
-        order again."""
-        # The matrix is kept, so that no other one has its handle.
+        # The matrix is kept, so that no other one has its handle.  While it stays PETSc does not
+        # order its pattern again.
         if self._matrix is None or self._matrix.handle != matrix.handle:
             self._matrix = matrix
             self._shifted = matrix.duplicate()
+            self._rows = MultiplierRows(matrix, saddle_point.multipliers)
+        shift = saddle_point.shift(matrix, self._rows)
+        if shift is None:
+            return False
+        self._solution.array[:] = shift
         matrix.copy(self._shifted, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._shifted.setDiagonal(shift, PETSc.InsertMode.ADD_VALUES)
-        return self._shifted
+        self._shifted.setDiagonal(self._solution, PETSc.InsertMode.ADD_VALUES)
+        # The displacement [m] of a force of 1 N, for which the others are tested; idle multipliers
+        # have rows of the unit matrix.
+        multipliers = saddle_point.multipliers
+        displacement = np.abs(shift[multipliers]) / REGULARISATION
+        self._right.array[multipliers] = np.where(displacement > 0, displacement, 1.0)
+        return self._is_factorised_as(matrix, self._shifted)
 
     def _is_factorised_as(self, matrix: PETSc.Mat, regularised: PETSc.Mat) -> bool:
         """Factorise a regularised matrix, and test whether the factors solve with a matrix itself;
