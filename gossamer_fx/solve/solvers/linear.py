@@ -369,7 +369,7 @@ def saddle_point_of(system: System) -> factorisation.SaddlePoint | None:
         return None
     owned = constraints.owned
     multipliers = np.arange(owned.start, owned.stop, dtype=np.int32)
-    if owned.start % 3 or len(multipliers) % 3:
+    if not len(multipliers) or owned.start % 3 or len(multipliers) % 3:
         return None
     directors = []
     for body in system.unknowns.bodies:
