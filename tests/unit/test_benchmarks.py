@@ -114,15 +114,16 @@ def test_the_parts_of_a_newton_iteration_are_its_time(bench):
 @pytest.mark.skipif(
     "Open MPI" not in MPI.Get_library_version(), reason="messages of Open MPI alone are counted"
 )
-def test_messages_and_arithmetic_of_ranks_are_counted(bench):
+def test_messages_and_arithmetic_of_ranks_are_counted(bench, monkeypatch):
+    # One rank would factorise so small a matrix in blocks, two do so by MUMPS.
+    monkeypatch.setenv("PETSC_OPTIONS", "-gx_pc_type lu")
     _, (one, two) = bench("rank_counts")
     assert differences([one, two], "energy")[0] < 1e-8
     # Nothing is sent by a rank that is alone; arithmetic is all but divided.
     assert [float(one[what]) for what in ("messages", "MB", "collectives")] == [0, 0, 0]
     assert float(two["messages"]) > 10 and float(two["MB"]) > 0.01
     assert float(two["collectives"]) > float(two["of MUMPS"]) > 0
-    # MUMPS orders the unknowns of two ranks otherwise: 0.78 and 0.82 of the arithmetic were seen.
-    assert float(two["Gflop"]) == pytest.approx(float(one["Gflop"]), rel=0.35)
+    assert float(two["Gflop"]) == pytest.approx(float(one["Gflop"]), rel=0.2)
     assert 1 <= float(two["flops, imbalance"]) <= 2
 
 
