@@ -130,7 +130,7 @@ def build(
         residual_stiffness: compressive over tensile stiffness of the film.
         contact: activation distance [m].
         contact_stiffness: [N/m³]; None: from closing speeds.
-        nudge: relative change of the pressure of the tank, to see what is chaotic.
+        nudge: relative change of the pressure of the tank or supply, to see what is chaotic.
         glider: mass of the glider on a straight track that carries the plate [kg]; 0: the plate is
             free.
         air: pressure of the air outside [Pa]; 0: vacuum.
@@ -173,8 +173,8 @@ def build(
     )
     source: gx.Tank | gx.gas.Ambient
     if supply:
-        pressure = air + supply * (1 + nudge)
-        source = gx.gas.Ambient(pressure, temperature=293.0, name="supply")
+        supplied = air + supply * (1 + nudge)
+        source = gx.gas.Ambient(supplied, temperature=293.0, name="supply")
     else:
         source = gx.Tank(tank, gas=NITROGEN, pressure=pressure * (1 + nudge), temperature=293.0)
     whole = math.pi / 4 * bore**2

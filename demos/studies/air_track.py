@@ -13,7 +13,7 @@ Factors, one at a time:
 
     cells    4, 6, 8 on half of the circumference
     dt       first step [s]; the largest is eight times as long
-    nudge    relative change of the pressure of the tank, far below any accuracy
+    nudge    relative change of the pressure of the tank or supply, far below any accuracy
     damping  loss factor of the film, within the range that is assumed for polyimide
     drag     drag coefficient of the film in the air
     opening  area of the bore over that of the drawing, which stands for its discharge coefficient

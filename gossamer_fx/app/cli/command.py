@@ -547,9 +547,9 @@ def _compute(
         result = case.equilibrium.result
         if result is not None:
             print(result.summary())
-        for name, value in without_round_off(numbers).items():
-            if name in shown_names([numbers]):
-                print(f"  {name}: {float(value):.6g}")
+        values = without_round_off(numbers)
+        for name in shown_names([numbers]):
+            print(f"  {name}: {float(values[name]):.6g}")
         name = shown(str(folder))
         print(f"written to {name}; look at it with: ./gossamer report {name}")
 

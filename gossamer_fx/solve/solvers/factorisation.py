@@ -179,12 +179,11 @@ class MultiplierRows:
     pattern does not change."""
 
     def __init__(self, matrix: PETSc.Mat, multipliers: Indices) -> None:
-        keys = block_keys(matrix)
-        rows, self._columns = np.divmod(keys, matrix.getSize()[0] // 3)
+        rows, columns = np.divmod(block_keys(matrix), matrix.getSize()[0] // 3)
         first = multipliers[0] // 3
         self._found = np.flatnonzero(rows >= first)
         self._rows = rows[self._found] - first
-        self._columns = self._columns[self._found]
+        self._columns = columns[self._found]
         self._values = stored_blocks(matrix)
         self._count = len(multipliers) // 3
 
