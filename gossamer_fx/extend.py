@@ -46,7 +46,8 @@ Gas
     `CompiledEnclosure`, `CompiledWall`; the
     `GasNetwork` that openings name as their `scalar_unknowns`; `isentropic_flow`
 Steppers
-    `Stepper`, `StepSolver`, `StressRule`, which may use `energy_gradient` and `energy_correction`
+    `Stepper`; `StepSolver`, whose result is a `Step`; `StressRule`, which may use
+    `energy_gradient` and `energy_correction`
 Runs
     `StateView`, `HasSystem`, `Output` with the `Schedule` of its records, `Probe`, and `Objective`,
     the base of results with derivatives; `STATES` of films by name with their `STATE_COLOURS`

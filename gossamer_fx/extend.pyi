@@ -153,6 +153,7 @@ from .records.outputs.output import Schedule as Schedule
 from .records.plot.colours import STATE_COLOURS as STATE_COLOURS
 from .records.probes.objective import Objective as Objective
 from .solve.solvers.newton import Newton as Newton
+from .solve.steppers.stepping import Step as Step
 from .solve.steppers.stepping import Stepper as Stepper
 from .solve.steppers.stepping import StepSolver as StepSolver
 from .solve.system.system import System as System

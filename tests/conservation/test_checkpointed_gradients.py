@@ -27,7 +27,7 @@ def recorded(
     run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=SOLVED))
     tape = gx.analysis.RunTape(run, memory=memory)
     used: list[int] = []
-    run.system.recorders.append(lambda: used.append(tape.bytes))
+    run.stepping.recorders.append(lambda: used.append(tape.bytes))
     run.run(until=h * (steps or count))
     return run, tape, used
 

@@ -135,14 +135,11 @@ class RecordedRun:
 
     def again(self) -> None:
         """Make the steps again from the present state at the start, without a record of them."""
-        system = self.run.system
-        recorders = system.recorders
-        system.recorders = []
+        solver = self.run.solver
         for k in range(1, STEPS + 1):
-            self.run.solver.step(self._dt)
+            solver.accept(solver.step(self._dt))
             # Without the round-off of a sum.
-            system.unknowns.time = k * self._dt
-        system.recorders = recorders
+            self.run.system.unknowns.time = k * self._dt
 
 
 def changes_of(values: Array) -> Array:

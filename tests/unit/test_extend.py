@@ -23,6 +23,7 @@ from gossamer_fx.extend import (
     Opening,
     Output,
     StateView,
+    Step,
     Stepper,
     StepSolver,
     System,
@@ -52,7 +53,7 @@ class BackwardEulerSolver(StepSolver):
         self._increment = system.unknowns.numbering.vector()
         self._v1 = system.unknowns.numbering.vector()
 
-    def step(self, h: float) -> int:
+    def step(self, h: float) -> Step:
         system = self._system
         y = system.equations.begin_step(h)
         system.unknowns.v0.copy(self._increment)
@@ -61,8 +62,7 @@ class BackwardEulerSolver(StepSolver):
         system.equations.set_inertia(1 / h**2)
         w, _, iterations = self.newton.solve(self._increment, y)
         self._v1.waxpy(1 / h, w, system.unknowns.v0)
-        system.commit(self._v1)
-        return iterations
+        return Step(h, self._v1, iterations)
 
 
 def oscillator(comm, stepper: Any) -> gx.Simulation:

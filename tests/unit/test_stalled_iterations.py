@@ -93,12 +93,11 @@ def test_a_step_that_fails_and_those_after_it_begin_without_geometric_stiffness(
     outcomes: list[type[Exception] | None] = []
     delays = []
 
-    def attempt(h: float, is_delayed: bool) -> int:
+    def attempt(h: float, is_delayed: bool) -> None:
         delays.append(late * is_delayed)
         failure = outcomes.pop(0)
         if failure:
             raise failure
-        return 1
 
     monkeypatch.setattr(solver, "_attempt", attempt)
     late = GEOMETRIC_STIFFNESS_DELAY

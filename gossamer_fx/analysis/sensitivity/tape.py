@@ -112,6 +112,7 @@ class RunTape:
         self.memory = memory
         self.stride = 1
         self._solver = run.solver
+        self._recorders = run.stepping.recorders
         # Without that of the stepper: whether a step is tried with care says nothing about it.
         self.history = History(run.system)
         first = self._present(0, 0.0)
@@ -128,12 +129,12 @@ class RunTape:
         # Lengths and ends [s] of all steps, of which the first entries stand for the first state.
         self._lengths = [0.0]
         self._times = [first.time]
-        self.system.recorders.append(self._record)
+        self._recorders.append(self._record)
 
     def close(self) -> None:
         """End the recording; the recorded steps stay."""
-        if self._record in self.system.recorders:
-            self.system.recorders.remove(self._record)
+        if self._record in self._recorders:
+            self._recorders.remove(self._record)
 
     @property
     def steps(self) -> int:
@@ -255,26 +256,21 @@ class RunTape:
         """Make the recorded steps again from a known state to a later one, and return that one.
         Collective."""
         system = self.system
-        recorders = system.recorders
-        # Nothing records or counts steps that are made again: the run has made them already.
-        system.recorders = []
-        try:
-            self.restore(state)
-            # The remainder of the increment is below the round-off of the coordinates, and is not
-            # in recorded states.
-            system.unknowns.increment.remainder.set(0.0)
-            for k in range(state.index + 1, index + 1):
-                try:
-                    self._solver.step(self._lengths[k])
-                except NotConverged as problem:
-                    raise StepFailure(
-                        f"gradient: the step to t = {self._times[k]:.9g} s cannot be made again, "
-                        f"{problem}; give the tape more memory."
-                    ) from problem
-                system.unknowns.time = self._times[k]
-            return self._present(index, self._lengths[index])
-        finally:
-            system.recorders = recorders
+        # These steps are accepted past `Stepping`: it has recorded and counted them already.
+        self.restore(state)
+        # The remainder of the increment is below the round-off of the coordinates, and is not in
+        # recorded states.
+        system.unknowns.increment.remainder.set(0.0)
+        for k in range(state.index + 1, index + 1):
+            try:
+                self._solver.accept(self._solver.step(self._lengths[k]))
+            except NotConverged as problem:
+                raise StepFailure(
+                    f"gradient: the step to t = {self._times[k]:.9g} s cannot be made again, "
+                    f"{problem}; give the tape more memory."
+                ) from problem
+            system.unknowns.time = self._times[k]
+        return self._present(index, self._lengths[index])
 
 
 def _bytes_of(saved: Any) -> int:

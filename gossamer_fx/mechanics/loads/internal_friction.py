@@ -201,7 +201,8 @@ class SlidingForces(BranchForces):
         self._has_begun = False
         super().__init__(term, at, rule)
         self.history = [self._nothing(1) for _ in term.stiffness]
-        end = ufl.dot(self._slope, term.measure(at.q1))
+        # Of the accepted state: q1 may be that of a step which was solved and dropped.
+        end = ufl.dot(self._slope, term.measure(at.q0))
         held = [self._held(number, end) for number in range(len(self._z))]
         energies = [k * u**2 / 2 for k, u in zip(self._k, held, strict=True)]
         self._energy = compile_form(sum(energies) * term.dx)

@@ -44,6 +44,7 @@ from gossamer_fx.solve.steppers.stepping import (
     Stepper,
     Stepping,
     even_step,
+    switch_constraints,
 )
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import (
@@ -585,9 +586,6 @@ class Simulation(SteppedRun):
         constraints = self.system.equations.constraints
         if constraints is None or not constraints.can_switch:
             return
-        # Imported here, as scenes without latches must not pay for it.
-        from gossamer_fx.solve.steppers.stepping import switch_constraints
-
         if switch_constraints(self.system):
             # `totals` compares times only, and the time is that before the impact.
             self._totals = self.system.balance.totals()

@@ -16,7 +16,7 @@ from gossamer_fx.mechanics.terms.element_energies import ElementEnergies
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.steppers.stepping import Stepper, StepSolver, check_step
+from gossamer_fx.solve.steppers.stepping import Step, Stepper, StepSolver, check_step
 from gossamer_fx.solve.system.system import System
 
 LOG = logging.getLogger("gossamer_fx")
@@ -127,13 +127,15 @@ class GeneralizedAlphaSolver(StepSolver):
         # at the start and the end of a step, v1 [m/s] the velocity at its end.
         self._a0 = system.unknowns.numbering.vector()
         self._a1 = system.unknowns.numbering.vector()
-        self._acceleration = system.unknowns.numbering.vector()  # dv/dt
+        # dv/dt at both ends.
+        self._rate0 = system.unknowns.numbering.vector()
+        self._rate1 = system.unknowns.numbering.vector()
         self._v1 = system.unknowns.numbering.vector()
         # Predicted increment of the coordinates [m], and the offset [m] of the inertia force.
         self._increment = system.unknowns.numbering.vector()
         self._offset = system.unknowns.numbering.vector()
         # The names are part of the format of checkpoint files.
-        self.vectors = {"acceleration": self._a0, "rate": self._acceleration}
+        self.vectors = {"acceleration": self._a0, "rate": self._rate0}
         self._has_acceleration = False
 
     def get_history(self) -> dict[str, Any]:
@@ -142,7 +144,7 @@ class GeneralizedAlphaSolver(StepSolver):
     def set_history(self, state: dict[str, Any]) -> None:
         self._has_acceleration = state["started"]
 
-    def step(self, h: float) -> int:
+    def step(self, h: float) -> Step:
         """Solve for the correction w [m] of the predicted increment, from which accelerations and
         the velocity v1 at the end of the step follow.  The first call computes the initial
         acceleration, from the state that the system has then."""
@@ -153,18 +155,16 @@ class GeneralizedAlphaSolver(StepSolver):
         y = system.equations.begin_step(h)
         self._predict(h)
         w, _, iterations = self.newton.solve(self._increment, y)
-        self._acceleration.waxpy(1.0, w, self._offset)
-        self._acceleration.scale(self._inertia(h))
+        self._rate1.waxpy(1.0, w, self._offset)
+        self._rate1.scale(self._inertia(h))
         self._a1.waxpy(1 / (self._β * h**2), w, self._a0)
-        self._clear_multipliers(self._acceleration)
+        self._clear_multipliers(self._rate1)
         self._clear_multipliers(self._a1)
         # v1 of (4)
         self._v1.waxpy(h * (1 - self._γ), self._a0, system.unknowns.v0)
         self._v1.axpy(h * self._γ, self._a1)
-        system.commit(self._v1)
-        # Only now: a step that fails must leave the history unchanged.
-        self._a1.copy(self._a0)
-        return iterations
+        ends = {"acceleration": self._a1, "rate": self._rate1}
+        return Step(h, self._v1, iterations, ends)
 
     def _inertia(self, h: float) -> float:
         """c [1/s²], the derivative of (dv/dt)_1 with respect to q1 by (2) and (3)."""
@@ -188,7 +188,7 @@ class GeneralizedAlphaSolver(StepSolver):
         self._increment.axpy(h, system.unknowns.v0)
         self._a0.copy(self._offset)
         self._offset.scale(self._β * h**2 + α_m / (1 - α_f) / c)
-        self._offset.axpy(-α_f / (1 - α_f) / c, self._acceleration)
+        self._offset.axpy(-α_f / (1 - α_f) / c, self._rate0)
         system.equations.set_inertia(c, self._offset)
 
     # ---- the first acceleration ------------------------------------------------------------------
@@ -219,11 +219,11 @@ class GeneralizedAlphaSolver(StepSolver):
         # Unit rows give fixed coordinates the acceleration zero.
         system.unknowns.supports.clear(A, 1.0)
         r.scale(-1.0)
-        problem = factorisation.solve(A, r, self._acceleration)
+        problem = factorisation.solve(A, r, self._rate0)
         if problem:
             raise NotConverged(f"no acceleration to start with, {problem}")
-        self._clear_multipliers(self._acceleration)
-        self._acceleration.copy(self._a0)
+        self._clear_multipliers(self._rate0)
+        self._rate0.copy(self._a0)
         self._has_acceleration = True
 
     def _evaluate_trial_step(self, h: float, r: PETSc.Vec) -> None:

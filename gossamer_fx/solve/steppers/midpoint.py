@@ -12,7 +12,7 @@ from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage as PathAve
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.steppers.stepping import Stepper, StepSolver, check_step
+from gossamer_fx.solve.steppers.stepping import Step, Stepper, StepSolver, check_step
 from gossamer_fx.solve.system.system import System
 
 # Number of tangents at the start of a step without geometric stiffness, where a step is delayed.
@@ -89,8 +89,8 @@ class MidpointSolver(StepSolver):
     def set_history(self, state: dict[str, Any]) -> None:
         self._delayed_steps = state["care"]
 
-    def step(self, h: float) -> int:
-        """Make a step of length h [s], and return its Newton iterations.
+    def step(self, h: float) -> Step:
+        """Solve a step of length h [s].
 
         An iteration that fails is repeated once: with tangents at its start without geometric
         stiffness, the part proportional to the stress, or with it, if the first attempt was
@@ -99,7 +99,7 @@ class MidpointSolver(StepSolver):
         """
         is_delayed = self._delayed_steps > 0
         try:
-            iterations = self._attempt(h, is_delayed)
+            step = self._attempt(h, is_delayed)
         except Inadmissible:
             raise
         except NotConverged:
@@ -109,13 +109,13 @@ class MidpointSolver(StepSolver):
             except NotConverged:
                 self._delayed_steps = DELAYED_STEPS
                 raise
+        # Also where the step is not accepted: this is about iterations, not about the state.
         self._delayed_steps = max(self._delayed_steps - 1, 0)
-        return iterations
+        return step
 
-    def _attempt(self, h: float, is_delayed: bool) -> int:
-        """Solve one step of length h [s] by Newton's method, at first without geometric stiffness
-        if `is_delayed`, and, if it converges, commit it; returns the number of iterations.
-        Collective."""
+    def _attempt(self, h: float, is_delayed: bool) -> Step:
+        """Solve a step of length h [s] by Newton's method, at first without geometric stiffness if
+        `is_delayed`.  Collective."""
         system = self._system
         self.newton.geometric_stiffness_delay = GEOMETRIC_STIFFNESS_DELAY * is_delayed
         # The vector of unknowns in which the iteration starts.
@@ -128,5 +128,4 @@ class MidpointSolver(StepSolver):
         w, _, iterations = self.newton.solve(self._increment, y)
         # v1 = 2 (q1 - q0)/h - v0 with q1 - q0 = h v0 + w.
         self._v1.waxpy(2 / h, w, system.unknowns.v0)
-        system.commit(self._v1)
-        return iterations
+        return Step(h, self._v1, iterations)

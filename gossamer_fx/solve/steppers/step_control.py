@@ -21,7 +21,7 @@ Algorithm, for a step of length h that took i Newton iterations.
 
    so that a heavy body far away does not hide the error of a light one.
 
-2. If ε exceeds the tolerance, undo the step and repeat it with h times
+2. If ε exceeds the tolerance, drop the step and repeat it with h times
 
        max(0.9 (tolerance/ε)^(1/3), min_factor)                                                  (3)
 
@@ -55,8 +55,14 @@ from petsc4py import PETSc
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.solve.steppers.history import History, SavedState
-from gossamer_fx.solve.steppers.stepping import Carrier, Control, Stepping, StepSolver, step_failure
+from gossamer_fx.solve.steppers.stepping import (
+    Carrier,
+    Control,
+    Step,
+    Stepping,
+    StepSolver,
+    step_failure,
+)
 from gossamer_fx.solve.system.connected_parts import Labels, connected
 from gossamer_fx.solve.system.system import System
 
@@ -131,13 +137,10 @@ class ControlledSteps(Stepping, Carrier):
     attributes."""
 
     def __init__(self, control: StepControl, system: System, solver: StepSolver, dt: float) -> None:
+        super().__init__(solver, dt)
         self._control = control
         self._system = system
-        self._solver = solver
         self._smallest = control.min_step or SMALLEST_STEP_RATIO * dt
-        self.wanted = dt
-        self.iterations = 0
-        self.substeps = 0
         self.vectors: dict[str, PETSc.Vec] = {}
         self._local_error: LocalError | None = None
         self._tolerance = math.inf  # of the local error [m]
@@ -146,38 +149,29 @@ class ControlledSteps(Stepping, Carrier):
         if control.error is not None:
             self._tolerance = control.error
             self._local_error = LocalError(system, _error_constant(solver))
-            self._history = History(system, [solver])
             self.vectors = {"acceleration": self._local_error.acceleration}
 
     def advance(self, h: float) -> None:
         """Make a step of h [s], or a shorter one where Newton's iteration fails or the local error
         is above its tolerance, and choose the `wanted` length of the next one.  Collective."""
-        start: SavedState | None = None
-        if self._local_error:
-            # The step may be undone.
-            start = self._history.save()
-            self._local_error.begin_step()
         growth = self._control.max_factor
         measured = 0.0
         while True:
             try:
-                iterations = self._solver.step(h)
+                step = self.solve(h)
             except NotConverged as failure:
                 factor = self._control.min_factor
                 reason = str(failure)
             else:
-                self.iterations += iterations
                 error = 0.0
                 if self._local_error:
-                    measured = self._local_error.measure(h)
+                    measured = self._local_error.measure(step)
                     # Where the third derivative of an oscillation changes its sign, the one before
                     # still counts: it grows again within the next step.
                     error = max(measured, self._error_rate * h**3)
                 if not error > self._tolerance:
-                    factor = self._next_factor(iterations, error)
+                    factor = self._next_factor(step.iterations, error)
                     break
-                assert start is not None, "without estimates no error is above its tolerance"
-                self._history.restore(start)
                 factor = max(self._factor_by_error(error), self._control.min_factor)
                 reason = f"its local error is above {self._tolerance:.3g} m"
             self.substeps += 1
@@ -187,6 +181,7 @@ class ControlledSteps(Stepping, Carrier):
             self.wanted = h
             if h < self._smallest:
                 raise step_failure(self._system, h, reason)
+        self.accept(step)
         if self._local_error:
             self._local_error.commit()
             self._error_rate = measured / h**3
@@ -238,9 +233,9 @@ def _error_constant(solver: StepSolver) -> float:
 class LocalError:
     """Estimates the local error (1), (2) of a stepper with the error constant C.
 
-    Around each step, call `begin_step`, make the step, call `measure`, and, if the step is
-    accepted, `commit`.  It has the mean acceleration a_ [m/s²] of the last accepted step, and its
-    length h_ [s], zero before the first step.
+    Call `measure` for each step that is solved, before it is accepted, and `commit` if it is.  It
+    has the mean acceleration a_ [m/s²] of the last accepted step, and its length h_ [s], zero
+    before the first step.
     """
 
     def __init__(self, system: System, constant: float = 1 / 12) -> None:
@@ -248,7 +243,6 @@ class LocalError:
         self._constant = constant
         self.acceleration = system.unknowns.numbering.vector()
         self.length_before = 0.0
-        self._start_velocity = system.unknowns.numbering.vector()
         self._mean_acceleration = system.unknowns.numbering.vector()
         self._change = system.unknowns.numbering.vector()
         self._scratch = system.unknowns.numbering.vector()
@@ -269,15 +263,12 @@ class LocalError:
             "leave error out.",
         )
 
-    def begin_step(self) -> None:
-        """Take the velocities at the start of the step."""
-        self._system.unknowns.v0.copy(self._start_velocity)
-
-    def measure(self, h: float) -> float:
-        """Local error ε [m] of the last step, of length h [s], by (1) and (2); zero for the first
+    def measure(self, step: Step) -> float:
+        """Local error ε [m] of a step that is not yet accepted, by (1) and (2); zero for the first
         step of a run.  Collective."""
+        h = step.length
         mean = self._mean_acceleration
-        mean.waxpy(-1.0, self._start_velocity, self._system.unknowns.v0)
+        mean.waxpy(-1.0, self._system.unknowns.v0, step.velocities)
         mean.scale(1 / h)
         self._length = h
         if not self.length_before:

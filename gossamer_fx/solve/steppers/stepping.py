@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -55,6 +56,26 @@ class Carrier(HistoryVariables):
         return
 
 
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step that is solved and not yet accepted: one that is dropped has changed no state.
+
+    Its vectors belong to the stepper, which overwrites them in the next step.  The coordinates at
+    its end are q1 of the system.
+
+    Attributes:
+        length: h [s].
+        velocities: v1 [m/s] at its end.
+        iterations: of Newton's method.
+        vectors: those of the stepper at its end, by their names in `StepSolver.vectors`.
+    """
+
+    length: float
+    velocities: PETSc.Vec
+    iterations: int
+    vectors: Mapping[str, PETSc.Vec] = MappingProxyType({})
+
+
 class StepSolver(Carrier):
     """A time stepper at work on a system.
 
@@ -68,17 +89,23 @@ class StepSolver(Carrier):
     error_constant: float
 
     @abstractmethod
-    def step(self, h: float) -> int:
-        """Advance the system by one step of length h [s], and commit it; returns the number of
-        Newton iterations.  Collective.
+    def step(self, h: float) -> Step:
+        """Solve a step of length h [s] from the state of the system, and return it; the state does
+        not change before `accept`.  Collective.
 
-        A step calls `system.equations.begin_step(h)`, `system.equations.set_inertia(c, offset)`,
-        `newton.solve(increment, y)` and `system.commit(v1)`, in this order.
+        A step calls `system.equations.begin_step(h)`, `system.equations.set_inertia(c, offset)` and
+        `newton.solve(increment, y)`, in this order.
 
         Raises:
-            NotConverged: the step failed; the state is unchanged, and a shorter step may be tried.
-            Inadmissible: the solution cannot be accepted; the state is unchanged.
+            NotConverged: the step failed; a shorter one may be tried.
+            Inadmissible: the solution cannot be accepted.
         """
+
+    def accept(self, step: Step) -> None:
+        """Make the end of the step that was solved last the state of the system.  Collective."""
+        for name, end in step.vectors.items():
+            end.copy(self.vectors[name])
+        self.newton.system.commit(step.velocities)
 
 
 class Stepper(ABC):
@@ -110,13 +137,29 @@ class Stepping(ABC):
 
     Attributes:
         wanted: length of the next step [s], unless the run must meet an earlier time.
-        iterations: Newton iterations of all converged steps.
+        iterations: Newton iterations of all solved steps, accepted or not.
         substeps: number of rejected steps.
+        recorders: called after each accepted step.
     """
 
-    wanted: float
-    iterations: int
-    substeps: int
+    def __init__(self, solver: StepSolver, wanted: float) -> None:
+        self._solver = solver
+        self.wanted = wanted
+        self.iterations = 0
+        self.substeps = 0
+        self.recorders: list[Callable[[], None]] = []
+
+    def solve(self, h: float) -> Step:
+        """Solve a step of length h [s], and count its iterations; see `StepSolver.step`."""
+        step = self._solver.step(h)
+        self.iterations += step.iterations
+        return step
+
+    def accept(self, step: Step) -> None:
+        """Accept the step that was solved last, and record it.  Collective."""
+        self._solver.accept(step)
+        for recorder in self.recorders:
+            recorder()
 
     @abstractmethod
     def advance(self, h: float) -> None:
@@ -146,12 +189,9 @@ class EqualSteps(Stepping):
             f"halvings is {halvings!r}; "
             "give the number of times that a step may be halved, or zero.",
         )
+        super().__init__(solver, dt)
         self._system = system
-        self._solver = solver
         self._halvings = halvings
-        self.wanted = dt
-        self.iterations = 0
-        self.substeps = 0
 
     def advance(self, h: float) -> None:
         """Advance the run by h [s], in one step or in its halves.  Collective."""
@@ -162,7 +202,7 @@ class EqualSteps(Stepping):
         to `iterations` and `substeps`.  Collective."""
         failure = None
         try:
-            self.iterations += self._solver.step(h)
+            self.accept(self.solve(h))
         except NotConverged as error:
             failure = str(error)
         # Outside the except clause: the traceback of a failed half would otherwise show the errors

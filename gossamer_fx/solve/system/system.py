@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from petsc4py import PETSc
 
@@ -29,7 +29,6 @@ class System:
         equations: the compiled terms, and the residual of a step.
         matrices: derivatives of the residual.
         balance: energies, momenta, supplies and losses.
-        recorders: called after each accepted step.
     """
 
     def __init__(self, start: InitialState, items: Sequence[ItemTerms], rule: StressRule) -> None:
@@ -38,7 +37,6 @@ class System:
         self.equations = Equations(self.unknowns)
         self.matrices = self.equations.matrices
         self.balance = EnergyBalance(self.unknowns, self.equations)
-        self.recorders: list[Callable[[], None]] = []
 
     def commit(self, v1: PETSc.Vec) -> None:
         """Accept the step, with the velocities v1 [m/s] at its end, which is the state now; its
@@ -53,8 +51,6 @@ class System:
             # Multipliers have no rate.
             self.unknowns.v0.array[constraints.owned] = 0
         self.equations.begin_next()
-        for recorder in self.recorders:
-            recorder()
 
     def restart(self) -> None:
         """Update all derived quantities from `previous` and q0, and their times, which the caller
