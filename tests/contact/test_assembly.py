@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact import assembly
+from gossamer_fx.mechanics.contact.contact_step import ObstaclePairs
 from gossamer_fx.mechanics.terms.assembly import CouplingBlocks
 from gossamer_fx.solve.system.tangent import BlockSum, Tangent
 from tests.bodies.spectrum import dense
@@ -187,3 +188,19 @@ def test_blocks_in_scalar_rows_have_their_entries_row_by_row():
     above = np.hstack([entries[0], entries[1]])
     assert order.tolist() == [*above.ravel(), *entries[2].ravel()]
     assert columns.tolist() == [0, 1, 2, 6, 7, 8] * 3 + [3, 4, 5] * 3
+
+
+def test_a_floor_pays_nothing_for_an_obstacle_on_a_body(comm) -> None:
+    """Its pairs have the block rows of their film only, those of the box four more of the body."""
+    lower, upper = two_films(comm, height=1.2e-3)
+    body = gx.RigidBody(0.02, (1e-5,) * 3, position=(0.0, 0.0, 0.0022), comm=comm)
+    box = gx.contact.Box(centre=(0.0, 0.0, 0.0106), sizes=(0.02, 0.02, 0.018), body=body)
+    floor = gx.contact.Plane(point=(0.0, 0.0, -9e-4), normal=(0.0, 0.0, 1.0))
+    contact = gx.Contact(lower, upper, floor, box, distance=1e-3)
+    run = simulate([contact, gx.Fixed(lower, "left")], 2e-4)
+    run.run(until=2e-4)
+    step = contact_set_of(run).accepted.step
+    widths = {
+        group.block_rows.shape[1] for group in step.groups if isinstance(group, ObstaclePairs)
+    }
+    assert 1 in widths and 5 in widths and max(widths) <= 7

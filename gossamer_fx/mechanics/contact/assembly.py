@@ -83,7 +83,9 @@ class PairBlocks:
 
     def add(self, tangents: Array) -> None:
         """Add tangents (n, w, w, 3, 3) [N/m]."""
-        np.add.at(self.values, self.index, tangents.reshape(*self.index.shape, 9))
+        # Of one-dimensional arrays it takes a fifth of the time.
+        entries = 9 * self.index[:, :, None].astype(np.int64) + np.arange(9)
+        np.add.at(self.values.reshape(-1), entries.ravel(), tangents.ravel())
 
     def rows(self, which: Any) -> PairBlocks:
         """Return the blocks of some of the pairs."""

@@ -506,7 +506,8 @@ class ObstaclePairs(PotentialPairs):
 
 
 def groups_of(step: PairStep, points: ContactPoints) -> list[PairGroup]:
-    """Divide the pairs of a step into those between bodies and those with obstacles."""
+    """Divide the pairs of a step into those between bodies and those with obstacles, and these by
+    the number of their block rows."""
     groups: list[PairGroup] = []
     is_of_bodies = np.asarray((step.pairs.points < points.body_count).all(axis=1))
     # Most contacts have no obstacles, or touch none of them.
@@ -515,9 +516,9 @@ def groups_of(step: PairStep, points: ContactPoints) -> list[PairGroup]:
         groups.append(BodyPairs(between_bodies, between_bodies.pairs.points))
     if not is_of_bodies.all():
         with_obstacle = step.rows(~is_of_bodies)
-        groups.append(
-            ObstaclePairs(with_obstacle, *points.block_rows_of(with_obstacle.pairs.points))
-        )
+        for moving in points.block_rows_of(with_obstacle.pairs.points):
+            pairs = with_obstacle.rows(moving.pairs)
+            groups.append(ObstaclePairs(pairs, moving.block_rows, moving.weights))
     return groups
 
 

@@ -123,6 +123,21 @@ def _weights_of(vectors: Sequence[Attached], system: Assembly) -> tuple[csr_matr
     return csr_matrix((weights, (rows, columns)), shape=shape), distinct
 
 
+@dataclass(frozen=True, eq=False)
+class MovingRows:
+    """The w block rows that move the points of k contact pairs.
+
+    Attributes:
+        pairs: numbers (k,) of the pairs, ascending.
+        block_rows: of each pair (k, w).
+        weights: of the block rows in its four points (k, 4, w) [-].
+    """
+
+    pairs: Int64Array
+    block_rows: Int64Array
+    weights: Array
+
+
 class ContactPoints:
     """The m points of a contact that this rank knows, of which the first n are points of bodies.
 
@@ -297,28 +312,26 @@ class ContactPoints:
         # vector.
         self._gather.add(on_rows, r)
 
-    def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
-        """Return the block rows (n, 4 w) that move the points (n, 4) of contact pairs, and the
-        weights (n, 4, 4 w) [-] of each pair's block rows in its points.  w is the largest number of
-        block rows of a point; points with fewer ones repeat one of the pair with weight zero."""
-        count = len(points)
-        width = int(np.diff(self.weights.indptr).max(initial=1))
-        block_rows = np.zeros((count, 4, width), dtype=np.int64)
-        weights = np.zeros((count, 4, 4, width))
-        first_entry = self.weights.indptr[points]
-        entry_count = np.diff(self.weights.indptr)[points]
-        for j in range(width):
-            exists = entry_count > j
-            entry = np.where(exists, first_entry + j, 0)
-            block_rows[:, :, j] = np.where(exists, self.weights.indices[entry], points[:, :1])
-            # p is one of the four points of a pair.
-            for p in range(4):
-                weight = self.weights.data[entry[:, p]]
-                weights[:, p, p, j] = np.where(exists[:, p], weight, 0.0)
-        # The first point may be one of an obstacle, whose number is not a block row: a node of the
-        # pair is.
-        is_node = points[:, 0] < self.body_count
-        node = np.where(is_node, points[:, 0], points.min(axis=1))
-        is_used = weights.any(axis=1)
-        filled = np.where(is_used, block_rows, node[:, None, None])
-        return filled.reshape(count, 4 * width), weights.reshape(count, 4, 4 * width)
+    def block_rows_of(self, points: Int32Array) -> list[MovingRows]:
+        """Return the block rows that move the points (n, 4) of contact pairs, for pairs that have
+        as many each: one with a floor has one or three, one with a rigid body four more."""
+        # Entries of W, of all points of all pairs.
+        counts = np.diff(self.weights.indptr)[points].ravel()
+        point = np.repeat(np.arange(points.size), counts)
+        number_in_point = np.arange(len(point)) - np.repeat(np.cumsum(counts) - counts, counts)
+        entry = self.weights.indptr[points.ravel()[point]] + number_in_point
+        pair, corner = np.divmod(point, 4)
+        # Points of one rigid body share its block rows.
+        keys = pair * np.int64(self.block_row_count) + self.weights.indices[entry]
+        distinct, row_of_entry = np.unique(keys, return_inverse=True)
+        pair_of_row, block_row = np.divmod(distinct, self.block_row_count)
+        widths = np.bincount(pair_of_row, minlength=len(points))
+        number_in_pair = np.arange(len(distinct)) - (np.cumsum(widths) - widths)[pair_of_row]
+        weights = np.zeros((len(points), 4, int(widths.max(initial=0))))
+        weights[pair, corner, number_in_pair[row_of_entry]] = self.weights.data[entry]
+        found = []
+        for width in np.unique(widths):
+            pairs = np.flatnonzero(widths == width)
+            rows = block_row[widths[pair_of_row] == width].reshape(-1, width)
+            found.append(MovingRows(pairs, rows, weights[pairs, :, :width]))
+        return found
