@@ -42,6 +42,43 @@ def test_a_strip_is_folded_over_a_line_and_stays_in_its_box(comm):
     assert gx.probes.Penetrations(stow.contact)(run) == 0
     assert gx.probes.Crossings(film)(run) == 0
     assert abs(run.energy_error) < 1e-10
+    # The side over which the other one was laid has not moved, as grips hold it.
+    state = run.system.unknowns.state
+    for corner in ((0.2, 0.0, 0.0), (0.2, 0.1, 0.0)):
+        moved = state.vector(film.port_at(corner)) - corner
+        assert np.abs(moved[:2]).max() < SPACING
+    assert stow.slip(run) < SPACING
+
+
+def test_a_fold_that_has_slipped_is_warned_of(comm, caplog):
+    """Film that nothing lifts lies behind the line when the fold is said to be made."""
+    film = strip(comm)
+    stow = gx.fold.Stow(film, spacing=SPACING, layers=1).fold((0.1, 0.05, 0.0), (1.0, 0.0, 0.0))
+    run = stowing(film, stow)
+    assert stow.slip(run) == 0.0
+    run.system.unknowns.previous_time = stow.end - 1e-3
+    run.system.unknowns.time = stow.end
+    assert stow.slip(run) > 0.08
+    stow.before_step(run, 1e-3)
+    assert "after fold 1 film lies up to 0.08" in caplog.text
+
+
+@pytest.mark.mpi
+def test_grips_hold_what_no_fold_lifts(comm):
+    """Two folds across each other leave a quarter of a sheet, in which two far nodes are held."""
+    film = gx.Membrane(sheet(comm, 4, 4, 0.2, 0.2), FILM, name="sheet")
+    stow = gx.fold.Stow(film, spacing=SPACING, layers=1)
+    halves = stow.fold((0.1, 0.1, 0.0), (1.0, 0.0, 0.0))
+    quarters = halves.fold((0.1, 0.1, 0.0), (0.0, -1.0, 0.0))
+    held = {
+        item.origin for item in quarters.requires() if isinstance(item, gx.connectors.AxialSpring)
+    }
+    # The corner is furthest from both lines.
+    assert (0.2, 0.0, 0.0) in {tuple(np.round(point, 12)) for point in held}
+    assert len(held) == 2
+    for x, y, _ in held:
+        assert x > 0.1 and y < 0.1
+    assert not any(isinstance(item, gx.connectors.AxialSpring) for item in stow.press().requires())
 
 
 def test_stowing_does_not_depend_on_the_directions_of_space(comm):

@@ -13,12 +13,17 @@ film.  What they do follows from the size L of the film and the spacing D of its
 A fold doubles the layers.  The outline of the film in the plane of the floor, a convex polygon, is
 mirrored at each line, so that later tools have the size that is needed.
 
+Nothing rubs, so that film would turn and slide on the floor when a flap lifts one side: a tube did,
+by 90°.  Two grips hold points of the lowest layer that no fold lifts along the floor, by springs
+that give way by the spacing D under the weight of the film.
+
 Tools pass through each other; only the film feels them.  The floor is at the height 0 of this
 module, and a tool that waits is far away.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -27,22 +32,27 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
+from dolfinx import fem
 from scipy.spatial import ConvexHull, QhullError
 
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Vector, unit
+from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.model.body import Array, Port, Vector, unit
 from gossamer_fx.core.model.item import Group, Item
-from gossamer_fx.core.model.state import HasSystem
+from gossamer_fx.core.model.state import HasSystem, Sampled
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.mechanics.connectors.spring import AxialSpring
 from gossamer_fx.mechanics.constraints.fixed import Driven
 from gossamer_fx.mechanics.contact.contact import Contact
 from gossamer_fx.mechanics.contact.obstacles import Box, Obstacle, Plane
 from gossamer_fx.mechanics.loads.body_forces import Gravity
 from gossamer_fx.mechanics.loads.damping import Damping
 from gossamer_fx.mechanics.loads.pressure import Pressure
+
+LOG = logging.getLogger("gossamer_fx")
 
 # Height between floor and plate over that of n layers at a distance D from each other and from
 # both: pressed any closer, film that lies in waves has no room.
@@ -71,6 +81,13 @@ REST = 1.0
 
 # How far tools are that wait, in sizes of the film.
 FAR = 4.0
+
+# The second grip is at least this part of the distance of the first one from all lines.
+GRIP_SHARE = 0.5
+
+# Film that lies behind the line of a fold by more than this share of what was laid over it has
+# slipped.
+SLIPPED_SHARE = 0.2
 
 Length = Annotated[float, positive("m")]
 
@@ -118,6 +135,31 @@ class Course:
         return displacement
 
 
+@dataclass(frozen=True, eq=False)
+class FoldLine:
+    """Where a fold is made.
+
+    Attributes:
+        name: e.g. "fold 1".
+        point: on the line, along the floor (2,) [m].
+        direction: unit vector (2,) across it, towards which film is laid over.
+        length: of the part that is laid over it [m].
+        bend: height of the hinge [m], by which film round the blade's edge may stand behind it.
+        end: time at which it is made [s].
+    """
+
+    name: str
+    point: Array
+    direction: Array
+    length: float
+    bend: float
+    end: float
+
+    def distance(self, points: Array) -> Array:
+        """Distances (n,) [m] of points (n, 2) from the line, positive ahead of it."""
+        return np.asarray((points - self.point) @ self.direction)
+
+
 class _Plan:
     """What has been planned so far.
 
@@ -134,6 +176,7 @@ class _Plan:
         obstacles, items: tools, and what moves them.
         walls: courses of the walls of a box.
         ends: times [s] at which the steps so far have ended.
+        folds: of those so far.
     """
 
     def __init__(self, stow: Stow) -> None:
@@ -167,6 +210,7 @@ class _Plan:
         self.items: list[Item] = []
         self.walls: list[Course] = []
         self.ends: list[float] = []
+        self.folds: list[FoldLine] = []
         self.obstacles.append(Plane(point=_vector(self.origin), normal=_vector(up), name="floor"))
 
     def height(self, layers: int) -> float:
@@ -202,6 +246,11 @@ def _hull(points: Array) -> Array:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
         return points
+
+
+def _largest(score: Array) -> list[int]:
+    """The index of the largest of scores (n,), or none of no scores."""
+    return [int(score.argmax())] if len(score) else []
 
 
 def _ahead_of(outline: Array, distance: Array) -> Array:
@@ -267,16 +316,20 @@ class _Fold(Step):
             f"{owner}: the line through {tuple(self.point)!r} across {tuple(self.towards)!r} does "
             "not cross the film as it then lies; move the point.",
         )
-        self._tools(plan, line, direction, distance)
+        hinge = self._tools(plan, line, direction, distance)
         mirrored = behind - 2 * ((behind - line) @ direction)[:, None] * direction
         plan.outline = _hull(np.concatenate([ahead, mirrored]))
         plan.layers *= 2
         plan.press(plan.height(plan.layers), PRESSING * plan.tau)
         plan.wait(REST * plan.tau)
+        length = -float(distance.min())
+        fold = FoldLine(f"fold {self.number}", line, direction, length, hinge, plan.time)
+        plan.folds.append(fold)
 
-    def _tools(self, plan: _Plan, line: Array, direction: Array, distance: Array) -> None:
-        """Plan the blade and the flap.  `line`: point (2,) [m]; `distance` (k,) [m] of the corners
-        of the outline from the line, along a direction (2,)."""
+    def _tools(self, plan: _Plan, line: Array, direction: Array, distance: Array) -> float:
+        """Plan the blade and the flap; returns the height of the hinge [m].  `line`: point (2,)
+        [m]; `distance` (k,) [m] of the corners of the outline from the line, along a direction
+        (2,)."""
         tau = plan.tau
         gap = plan.spacing
         height = plan.height(plan.layers)
@@ -346,6 +399,7 @@ class _Fold(Step):
             name=f"hinge of flap {self.number}",
         )
         plan.items.append(turning)
+        return hinge
 
 
 @dataclass(frozen=True)
@@ -392,14 +446,15 @@ class _Release(Step):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Stow(Group):
+class Stow(Group, Sampled):
     """Stows a finished film: an item of a scene that brings tools, contact, weight, suction and
     damping, all of which follow from the size of the film and the spacing of its layers.
 
     Steps are methods that return a longer stow.  The film lies on a floor below it, as it was made.
     A run until `end` with steps from `first_step` to `longest_step` stows it; a scene that shall
     begin with the stowed film takes `gx.StartFrom(run.system)`.  To do this in another process,
-    make the stow again, and the run with `restart` from its checkpoints.
+    make the stow again, and the run with `restart` from its checkpoints.  Film that lies behind the
+    line of a fold after it was made has slipped, which is warned of in the run (`slip`).
 
     Layers must not intersect or coincide at the start; contact refuses them, and names where.  A
     box that is smaller than what its layers need is not noticed before: steps of the run then fail.
@@ -535,6 +590,36 @@ class Stow(Group):
         high = np.max(self._plan.comm.allgather(points.max(axis=0, initial=-np.inf)), axis=0)
         return np.asarray(high - low)
 
+    @check_arguments
+    def slip(self, run: HasSystem) -> float:
+        """How far film lies behind the line of the last fold that is made [m], beyond its bend
+        round the line; zero before the first one.  Collective."""
+        made = [fold for fold in self._plan.folds if fold.end <= run.system.unknowns.time]
+        if not made:
+            return 0.0
+        state = run.system.unknowns.state
+        points = np.concatenate([state[film].positions() for film in self.films])
+        behind = -made[-1].distance(points @ self._plan.axes[:2].T) - made[-1].bend
+        return max(self._plan.comm.allgather(float(behind.max(initial=0.0))))
+
+    def before_step(self, run: HasSystem, h: float) -> float:
+        """Warn once of each fold that has slipped.  Collective."""
+        unknowns = run.system.unknowns
+        for fold in self._plan.folds:
+            # In the first step after its end.
+            if unknowns.previous_time < fold.end <= unknowns.time:
+                self._check(fold, self.slip(run))
+        return h
+
+    def _check(self, fold: FoldLine, slipped: float) -> None:
+        """Warn of a fold that has slipped by a length [m]."""
+        if slipped > SLIPPED_SHARE * fold.length and self._plan.comm.rank == 0:
+            LOG.warning(
+                "Stow '%s': after %s film lies up to %.3g m behind its line, over which %.3g m "
+                "were to be laid; look at the shape, and fold it another way.",
+                *(self.name, fold.name, slipped, fold.length),
+            )
+
     def requires(self) -> Iterable[Item]:
         return self._items
 
@@ -578,7 +663,66 @@ class Stow(Group):
             distance=self.spacing,
             name=f"{self.name} contact",
         )
-        return [*items, *plan.items, contact]
+        return [*items, *self._grips(), *plan.items, contact]
+
+    def _grips(self) -> list[Item]:
+        """Springs along the floor that hold two points which no fold lifts.  Collective."""
+        plan = self._plan
+        points = self._points_ahead() if plan.folds else []
+        if not points:
+            return []
+        weight = 0.0
+        for film in self.films:
+            mass = fem.assemble_scalar(compile_form(film.area_density * film.mass_dx))
+            weight += self.gravity * plan.comm.allreduce(float(mass))
+        return [
+            AxialSpring(
+                port,
+                weight / plan.spacing,
+                direction=_vector(plan.axes[axis]),
+                origin=_vector(position),
+                name=f"{self.name} grip {k + 1}{'ab'[axis]}",
+            )
+            for k, (port, position) in enumerate(points)
+            for axis in range(2)
+        ]
+
+    def _points_ahead(self) -> list[tuple[Port, Array]]:
+        """Two nodes, with their positions (3,) [m] at the start, that lie on the floor and ahead of
+        the lines of all folds: the one that is furthest from these lines, and of those that are
+        half as far from them at least the one that is furthest from it.  None if there are no two
+        nodes.  Collective."""
+        plan = self._plan
+        nodes: list[tuple[int, int]] = []
+        positions = np.zeros((0, 3))
+        for number, film in enumerate(self.films):
+            own = film.initial_state()[0].reshape(-1, 3)
+            local = np.arange(len(own), dtype=np.int32)
+            nodes += [(number, int(k)) for k in film.block.index_map.local_to_global(local)]
+            positions = np.concatenate([positions, own])
+        ahead = np.full(len(positions), np.inf)
+        for fold in plan.folds:
+            ahead = np.minimum(ahead, fold.distance(positions @ plan.axes[:2].T))
+        heights = np.where(ahead > 0, positions @ plan.axes[2], np.inf)
+        lowest = min(plan.comm.allgather(float(heights.min(initial=np.inf))))
+        ahead[heights > lowest + plan.spacing] = -np.inf
+
+        def best(score: Array) -> tuple[float, Vector, tuple[int, int]]:
+            """The largest score of all ranks, and the position and the node that have it."""
+            own = [(float(score[k]), _vector(positions[k]), nodes[k]) for k in _largest(score)]
+            return max(row for rows in plan.comm.allgather(own) for row in rows)
+
+        distance, first, node = best(ahead)
+        if distance <= 0:
+            return []
+        apart = np.linalg.norm(positions - first, axis=1)
+        gap, second, other = best(np.where(ahead >= GRIP_SHARE * distance, apart, -np.inf))
+        if gap <= 0:
+            return []
+        return [
+            (Port(self.films[film], (number,)), np.array(position))
+            for position, (film, number) in ((first, node), (second, other))
+        ]
 
     def _pressure(self, t: float) -> float:
         """Pressure [Pa] of the film along its normal at a time [s]."""
