@@ -136,7 +136,7 @@ class Course:
 
 
 @dataclass(frozen=True, eq=False)
-class FoldLine:
+class MadeFold:
     """Where a fold is made.
 
     Attributes:
@@ -210,7 +210,7 @@ class _Plan:
         self.items: list[Item] = []
         self.walls: list[Course] = []
         self.ends: list[float] = []
-        self.folds: list[FoldLine] = []
+        self.folds: list[MadeFold] = []
         self.obstacles.append(Plane(point=_vector(self.origin), normal=_vector(up), name="floor"))
 
     def height(self, layers: int) -> float:
@@ -266,7 +266,7 @@ def _ahead_of(outline: Array, distance: Array) -> Array:
     return np.array(found).reshape(-1, 2)
 
 
-class Step(ABC):
+class StowStep(ABC):
     """A step of stowing."""
 
     @abstractmethod
@@ -275,7 +275,7 @@ class Step(ABC):
 
 
 @dataclass(frozen=True)
-class _Evacuate(Step):
+class _Evacuate(StowStep):
     suction: float
 
     def plan(self, plan: _Plan) -> None:
@@ -285,14 +285,14 @@ class _Evacuate(Step):
 
 
 @dataclass(frozen=True)
-class _Press(Step):
+class _Press(StowStep):
     def plan(self, plan: _Plan) -> None:
         plan.press(plan.height(plan.layers), PRESSING * plan.tau)
         plan.wait(REST * plan.tau)
 
 
 @dataclass(frozen=True)
-class _Fold(Step):
+class _Fold(StowStep):
     number: int
     point: Vector
     towards: Vector
@@ -323,7 +323,7 @@ class _Fold(Step):
         plan.press(plan.height(plan.layers), PRESSING * plan.tau)
         plan.wait(REST * plan.tau)
         length = -float(distance.min())
-        fold = FoldLine(f"fold {self.number}", line, direction, length, hinge, plan.time)
+        fold = MadeFold(f"fold {self.number}", line, direction, length, hinge, plan.time)
         plan.folds.append(fold)
 
     def _tools(self, plan: _Plan, line: Array, direction: Array, distance: Array) -> float:
@@ -403,7 +403,7 @@ class _Fold(Step):
 
 
 @dataclass(frozen=True)
-class _Pack(Step):
+class _Pack(StowStep):
     sizes: tuple[float, float, float]
 
     def plan(self, plan: _Plan) -> None:
@@ -433,7 +433,7 @@ class _Pack(Step):
 
 
 @dataclass(frozen=True)
-class _Release(Step):
+class _Release(StowStep):
     def plan(self, plan: _Plan) -> None:
         away = plan.size
         duration = TRAVEL * plan.tau
@@ -483,7 +483,7 @@ class Stow(Group, Sampled):
     layers: Annotated[int, Range(1)] = 2
     up: Vector = (0.0, 0.0, 1.0)
     gravity: Annotated[float, positive("m/s²")] = 9.81
-    steps: tuple[Step, ...] = ()
+    steps: tuple[StowStep, ...] = ()
     name: str = "stow"
 
     def __post_init__(self) -> None:
@@ -546,7 +546,7 @@ class Stow(Group, Sampled):
         """Take plate, walls and suction away: what then is larger has sprung back."""
         return self._with(_Release())
 
-    def _with(self, step: Step) -> Stow:
+    def _with(self, step: StowStep) -> Stow:
         return replace(self, steps=(*self.steps, step))
 
     @property
@@ -611,7 +611,7 @@ class Stow(Group, Sampled):
                 self._check(fold, self.slip(run))
         return h
 
-    def _check(self, fold: FoldLine, slipped: float) -> None:
+    def _check(self, fold: MadeFold, slipped: float) -> None:
         """Warn of a fold that has slipped by a length [m]."""
         if slipped > SLIPPED_SHARE * fold.length and self._plan.comm.rank == 0:
             LOG.warning(
