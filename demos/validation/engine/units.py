@@ -16,7 +16,7 @@ DIMENSIONS: dict[str, dict[str, float]] = {
     "m3": {"m3": 1.0, "cm3": 1e-6},
     "m3/s": {"m3/s": 1.0, "cm3/s": 1e-6},
     "s": {"s": 1.0},
-    "1/s": {"1/s": 1.0},
+    "1/s": {"1/s": 1.0, "Hz": 1.0},
     "m/s": {"m/s": 1.0, "mm/s": 1e-3},
     "kg": {"kg": 1.0, "g": 1e-3},
     "kg/m": {"kg/m": 1.0},
@@ -32,7 +32,12 @@ DIMENSIONS: dict[str, dict[str, float]] = {
     "N s/m": {"N s/m": 1.0},
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "psi": 6894.757293168361},
     "K": {"K": 1.0},
+    "1/Pa": {"1/Pa": 1.0, "1/MPa": 1e-6},
+    "J/mol": {"J/mol": 1.0, "kJ/mol": 1e3},
+    "m3/mol": {"m3/mol": 1.0},
     "W/K": {"W/K": 1.0},
+    "W/(m2 K)": {"W/(m2 K)": 1.0},
+    "J/(kg K)": {"J/(kg K)": 1.0},
 }
 
 # Unit: (SI unit of the same dimension, its size in that unit).
