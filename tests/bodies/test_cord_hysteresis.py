@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteretic_bar
+from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteretic_bar, scaled_hysteretic_bar
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.fields.lines import line_forces
@@ -22,12 +22,16 @@ COMM = MPI.COMM_WORLD
 LOADING = (np.array([-0.02, 0.0, 0.01, 0.03]), np.array([-4.0, 0.0, 10.0, 60.0]))
 UNLOADING = (np.array([0.0, 0.01, 0.015]), np.array([0.0, 20.0, 60.0]))
 CORD = gx.TabulatedCable(*LOADING, line_density=0.1, unloading=UNLOADING)
+# Slack up to a third of its last strain, so that a third of each strain is not recovered.
+STEEP = (np.array([0.0, 0.005, 0.012, 0.015]), np.array([0.0, 0.01, 15.0, 60.0]))
+SCALED = gx.TabulatedCable(*LOADING, line_density=0.1, unloading=STEEP, unloading_rule="scaled")
 
 
 def cord_step(law: gx.TabulatedCable, x0: Any, x1: Any, largest: Any = 0.0) -> Step:
     """Bars of 1 m without a scene, from engineering strains x0 to x1."""
     numbers = {"length": 1.0} | law.hysteresis.as_numbers()
-    return step_of(hysteretic_bar, measure(x0), measure(x1), numbers, z0=largest)
+    bar = scaled_hysteretic_bar if law.unloading_rule == "scaled" else hysteretic_bar
+    return step_of(bar, measure(x0), measure(x1), numbers, z0=largest)
 
 
 def measure(x: Any) -> np.ndarray:
@@ -65,24 +69,54 @@ def test_reloading_follows_the_unloading_curve_to_the_turning_point() -> None:
     assert pytest.approx(0.0, abs=1e-12) == cord_step(CORD, 0.016, 0.016, 0.025).S
 
 
-def test_work_is_stored_or_lost_on_any_path() -> None:
+@pytest.mark.parametrize("law", [CORD, SCALED], ids=["moved", "scaled"])
+def test_work_is_stored_or_lost_on_any_path(law: gx.TabulatedCable) -> None:
     """S Δε = ΔW + loss for any two strains and histories, and dS/dε1 agrees with differences."""
     random = np.random.default_rng(5)
     count = 20000
     largest = random.uniform(0.0, 0.05, count)
     x0 = np.minimum(random.uniform(-0.03, 0.05, count), largest)
     x1 = random.uniform(-0.03, 0.06, count)
-    step = cord_step(CORD, x0, x1, largest)
-    resting = cord_step(CORD, x0, x0, largest)
+    step = cord_step(law, x0, x1, largest)
+    resting = cord_step(law, x0, x0, largest)
     change = step.energy - resting.energy + step.loss
     assert (step.S * (measure(x1) - measure(x0)))[:, 0] == pytest.approx(change, abs=1e-13)
     assert step.loss.min() > -1e-13
     δ = 1e-7
-    ahead, behind = (cord_step(CORD, x0, x1 + side * δ, largest).S for side in (1, -1))
+    ahead, behind = (cord_step(law, x0, x1 + side * δ, largest).S for side in (1, -1))
     # dε1 = λ1 dx1
     difference = (ahead - behind)[:, 0] / (2 * δ) / (1 + x1)
     far = np.abs(x1 - x0) > 1e-3
     assert difference[far] == pytest.approx(step.dS[far, 0, 0], abs=2e-2)
+
+
+@pytest.mark.parametrize("largest", [0.008, 0.02, 0.045])
+def test_a_scaled_curve_is_as_steep_as_the_force_at_the_reversal_says(largest: float) -> None:
+    """N_l(X)/60 N of the curve STEEP at the strain 0.015 x/X: 15 kN at its end, slack from a third
+    of the largest strain on."""
+    force_there = float(loaded(largest))
+    slope = 15e3 * force_there / 60 * 0.015 / largest
+    x = largest * np.array([0.2, 1 / 3, 0.8, 0.9, 1.0])
+    S = cord_step(SCALED, x, x, largest).S[:, 0] * (1 + x)
+    by_hand = [0.0, 0.0, force_there / 4, force_there - slope * 0.1 * largest, force_there]
+    assert pytest.approx(by_hand, abs=1e-11) == S
+
+
+def test_a_cycle_of_a_scaled_curve_loses_a_part_of_the_work_that_only_the_shape_decides() -> None:
+    """What STEEP returns is 0.165 J/m of 0.9 J/m, the product of its last strain and force, and so
+    is what every scaled curve returns."""
+    for largest in (0.02, 0.03):
+        out = cord_step(SCALED, 0.0, largest, 0.0)
+        back = cord_step(SCALED, largest, 0.0, largest)
+        returned = (back.S * measure(largest)).item()
+        assert returned == pytest.approx(0.165 / 0.9 * largest * float(loaded(largest)), rel=1e-12)
+        loss = (out.loss + back.loss).item()
+        assert loss == pytest.approx((out.S * measure(largest)).item() - returned, abs=1e-13)
+
+
+def loaded(x: float) -> Any:
+    """N_l [N] in tension, with its last slope."""
+    return 10 + 2500 * (x - 0.01) if x > 0.01 else 1000 * x
 
 
 def test_never_unloaded_or_with_equal_curves_it_is_the_tabulated_cable() -> None:
@@ -111,6 +145,25 @@ def ribbon(
         name="film",
     )
     return film, gx.connectors.Tape.along_edges(film, law, edges="bottom", name="cord")
+
+
+@pytest.mark.mpi
+def test_equilibria_follow_a_scaled_curve() -> None:
+    """To 2 %, back to 1.6 %, and on to 2.8 %."""
+    film, cord = ribbon(SCALED)
+
+    def pull(X: np.ndarray, t: float) -> np.ndarray:
+        strain = np.interp(t, range(4), [0.0, 0.02, 0.016, 0.028])
+        return np.vstack([strain * X[0], 0 * X[0], 0 * X[0]])
+
+    right = gx.Fixed(film, "right", motion=pull)
+    statics = gx.Equilibrium(gx.Scene(film, cord, gx.Fixed(film, "left"), right))
+    forces = []
+    for k in range(1, 4):
+        statics.find(at=float(k))
+        forces.append(statics.reaction(right)[0][0])
+    assert forces == pytest.approx([35.0, 35.0 / 4, 55.0], rel=1e-6)
+    assert statics.totals.losses["cord"] > 0
 
 
 @pytest.mark.mpi
@@ -217,3 +270,10 @@ def test_gradients_of_equilibria_and_cables_refuse_it_by_name() -> None:
 def test_curves_that_gain_energy_are_refused(unloading: Any, words: str) -> None:
     with pytest.raises(gx.InputError, match=words):
         gx.TabulatedCable(*LOADING, line_density=0.1, unloading=unloading)
+
+
+def test_a_scaled_curve_that_gains_energy_is_refused() -> None:
+    """UNLOADING returns a third of force times strain: at 1 % that grows by 11.7 N, and the work of
+    loading by 10 N."""
+    with pytest.raises(gx.InputError, match=r"up to the strain 0\.01 gains energy"):
+        gx.TabulatedCable(*LOADING, line_density=0.1, unloading=UNLOADING, unloading_rule="scaled")

@@ -29,7 +29,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -85,6 +85,9 @@ class TabulatedCable(BarLaw):
         unloading: strains and forces of the unloading curve, two columns as `strain` and `force`
             from zero on, where forces below 0.2 % of the largest count as slack; default: that of
             loading, without a loss.
+        unloading_rule: "moved" as above, or "scaled": the whole unloading curve is scaled in both
+            axes, from the origin, to where the loading curve was left.  Then the slope after a
+            reversal depends on the force there, and a fixed part of the strain is not recovered.
 
     Raises:
         InputError: columns of different length, fewer than two points, strains that do not rise,
@@ -103,6 +106,7 @@ class TabulatedCable(BarLaw):
     _: KW_ONLY
     line_density: LineDensity
     unloading: tuple[Sequence[float] | Array, Sequence[float] | Array] | None = None
+    unloading_rule: Literal["moved", "scaled"] = "moved"
 
     def __post_init__(self) -> None:
         strain = np.asarray(self.strain, dtype=float)
@@ -131,15 +135,22 @@ class TabulatedCable(BarLaw):
     def hysteresis(self) -> Hysteresis:
         """The law with its unloading curve, which must have been given."""
         # Imported here: a scene without hysteresis does not load it.
-        from gossamer_fx.mechanics.bodies.cord_hysteresis import hysteresis_of
+        from gossamer_fx.mechanics.bodies.cord_hysteresis import (
+            hysteresis_of,
+            scaled_hysteresis_of,
+        )
 
         assert self.unloading is not None
         strain, force = (np.asarray(column) for column in self.unloading)
         # The last point that counts as slack is where the curve begins.
         slack = int(np.flatnonzero(force <= SLACK_FORCE * force[-1])[-1])
-        strain = strain[slack:] - strain[slack]
+        start = float(strain[slack])
+        strain = strain[slack:] - start
         force = np.append(0.0, force[slack + 1 :])
-        return hysteresis_of(self.corners, corners_of(strain, force), float(strain[-1]))
+        unloading = corners_of(strain, force)
+        if self.unloading_rule == "scaled":
+            return scaled_hysteresis_of(self.corners, unloading, float(strain[-1]), start)
+        return hysteresis_of(self.corners, unloading, float(strain[-1]))
 
     @property
     def EA(self) -> float:

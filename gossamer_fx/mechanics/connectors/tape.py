@@ -78,6 +78,13 @@ def cut_hysteretic_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Re
     return _cut(hysteretic_bar, e0, e1, z0, h, numbers)
 
 
+def cut_scaled_hysteretic_bar(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
+    """`scaled_hysteretic_bar` whose length has a scale."""
+    from gossamer_fx.mechanics.bodies.cord_hysteresis import scaled_hysteretic_bar
+
+    return _cut(scaled_hysteretic_bar, e0, e1, z0, h, numbers)
+
+
 def _cut_strains(e0: Any, e1: Any, numbers: Any) -> tuple[Any, Any]:
     """Green strains of a bar with the natural length s L, s the scale, from those of the length
     L."""
@@ -339,7 +346,10 @@ def _row_law(law: BarLaw) -> tuple[RowLaw, dict[str, Any], dict[str, float]]:
     assert isinstance(law, TabulatedCable)
     if not law.has_history:
         return cut_tabulated_bar, law.corners.as_numbers(), {}
-    return cut_hysteretic_bar, law.hysteresis.as_numbers(), {"largest strain": 0.0}
+    curve = cut_hysteretic_bar
+    if law.unloading_rule == "scaled":
+        curve = cut_scaled_hysteretic_bar
+    return curve, law.hysteresis.as_numbers(), {"largest strain": 0.0}
 
 
 def _stretch(a: Port, b: Port, square: float) -> Port:
