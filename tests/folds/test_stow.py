@@ -122,6 +122,17 @@ def test_a_scene_starts_from_a_film_that_another_process_has_stowed(comm, tmp_pa
     assert stored == pytest.approx(run.totals.stored["strip"], rel=1e-9)
 
 
+@pytest.mark.mpi
+def test_a_box_that_is_too_small_for_its_film_is_warned_of(comm):
+    """0.02 m² at 4 mm need 8e-5 m³."""
+    stow = gx.fold.Stow(strip(comm), spacing=SPACING, layers=1).press()
+    small = stow.pack((0.1, 0.1, 7e-3))
+    (warning,) = small.warnings([])
+    assert "the box has 7e-05 m³, and the film, at its spacing of 0.004 m, needs 8e-05" in warning
+    assert not list(stow.pack((0.1, 0.1, 9e-3)).warnings([]))
+    assert not list(stow.warnings([]))
+
+
 def test_folds_that_cannot_be_made_are_refused(comm):
     film = strip(comm)
     stow = gx.fold.Stow(film, spacing=SPACING, layers=1)

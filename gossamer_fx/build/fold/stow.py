@@ -32,6 +32,7 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from scipy.spatial import ConvexHull, QhullError
 
@@ -39,6 +40,7 @@ from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Port, Vector, unit
 from gossamer_fx.core.model.item import Group, Item
 from gossamer_fx.core.model.state import HasSystem, Sampled
@@ -417,9 +419,12 @@ class _Pack(StowStep):
                 # Outside of the film, however much wider it is than its outline was.
                 outside = WIDENING * float(high[k] - low[k]) / 2 + 2 * plan.spacing
                 outside = max(outside, plan.size / 2 + 2 * plan.spacing)
-                start = plan.point(middle, 0.0) - outside * inwards
+                # Where it waits it is outside of the film as it was before all folds, too.
+                far = FAR * plan.size
+                start = plan.point(middle, 0.0) - far * inwards
                 course = Course()
-                course.go(outside - self.sizes[k] / 2, plan.time, duration)
+                course.go(far - outside, plan.time, TRAVEL * plan.tau)
+                course.go(far - self.sizes[k] / 2, plan.time + TRAVEL * plan.tau, duration)
                 wall = Plane(
                     point=_vector(start),
                     normal=_vector(inwards),
@@ -428,6 +433,7 @@ class _Pack(StowStep):
                 )
                 plan.walls.append(course)
                 plan.obstacles.append(wall)
+        plan.wait(TRAVEL * plan.tau)
         plan.press(self.sizes[2], duration)
         plan.wait(REST * plan.tau)
 
@@ -457,7 +463,8 @@ class Stow(Group, Sampled):
     line of a fold after it was made has slipped, which is warned of in the run (`slip`).
 
     Layers must not intersect or coincide at the start; contact refuses them, and names where.  A
-    box that is smaller than what its layers need is not noticed before: steps of the run then fail.
+    box that is smaller than the area of the film times D is warned of before the run, whose steps
+    then probably fail.
 
     Args:
         film: one, or several that are sewn; its `displacement` opens layers that would coincide.
@@ -620,6 +627,28 @@ class Stow(Group, Sampled):
                 *(self.name, fold.name, slipped, fold.length),
             )
 
+    def warnings(self, items: Iterable[Item]) -> Iterable[str]:
+        boxes = [step.sizes for step in self.steps if isinstance(step, _Pack)]
+        if not boxes:
+            return
+        needed = self.spacing * self._sum(lambda film: ufl.as_ufl(1))
+        for sizes in boxes:
+            volume = math.prod(sizes)
+            if volume < needed:
+                yield (
+                    f"Stow '{self.name}': the box has {volume:.3g} m³, and the film, at its "
+                    f"spacing of {self.spacing:.3g} m, needs {needed:.3g} m³; give a larger box, "
+                    "or a smaller spacing."
+                )
+
+    def _sum(self, density: Callable[[Membrane], Expr]) -> float:
+        """The integral of a density over all films, as they were made.  Collective."""
+        total = 0.0
+        for film in self.films:
+            form = compile_form(density(film) * film.mass_dx)
+            total += self._plan.comm.allreduce(float(fem.assemble_scalar(form)))
+        return total
+
     def requires(self) -> Iterable[Item]:
         return self._items
 
@@ -671,10 +700,7 @@ class Stow(Group, Sampled):
         points = self._points_ahead() if plan.folds else []
         if not points:
             return []
-        weight = 0.0
-        for film in self.films:
-            mass = fem.assemble_scalar(compile_form(film.area_density * film.mass_dx))
-            weight += self.gravity * plan.comm.allreduce(float(mass))
+        weight = self.gravity * self._sum(lambda film: film.area_density)
         return [
             AxialSpring(
                 port,
