@@ -123,6 +123,23 @@ def test_a_scene_starts_from_a_film_that_another_process_has_stowed(comm, tmp_pa
 
 
 @pytest.mark.mpi
+def test_tools_wait_outside_of_the_film_as_it_was_made(comm):
+    """The second blade comes over where the first third of the strip lay, whose end is as high as
+    the blade."""
+    raised = 3.25 * SPACING
+
+    def displacement(X):
+        return np.stack([0 * X[0], 0 * X[0], raised * np.maximum(1 - X[0] / 0.1, 0.0)])
+
+    film = gx.Membrane(sheet(comm, 3, 1, 0.3, 0.1), FILM, displacement=displacement, name="strip")
+    stow = gx.fold.Stow(film, spacing=SPACING, layers=1).fold((0.1, 0.05, 0.0), (1.0, 0.0, 0.0))
+    stow = stow.fold((0.2, 0.05, 0.0), (-1.0, 0.0, 0.0)).pack((0.12, 0.12, 0.05))
+    assert stow.layers_at_end == 4
+    # Contact refuses layers that intersect at the start.
+    stowing(film, stow)
+
+
+@pytest.mark.mpi
 def test_a_box_that_is_too_small_for_its_film_is_warned_of(comm):
     """0.02 m² at 4 mm need 8e-5 m³."""
     stow = gx.fold.Stow(strip(comm), spacing=SPACING, layers=1).press()

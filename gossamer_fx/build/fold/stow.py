@@ -173,6 +173,7 @@ class _Plan:
         time: end [s] of what is planned.
         layers: of the film, where they are most.
         outline: corners (k, 2) [m] of a convex polygon around the film, from above.
+        first_outline: that of the film as it was made.
         plate: height [m] of the plate over the floor.
         suction: [Pa] below the surroundings.
         obstacles, items: tools, and what moves them.
@@ -198,6 +199,7 @@ class _Plan:
         # Hulls have few points, other than the film.
         corners = self.comm.allgather(_hull(points[:, :2]))
         self.outline = _hull(np.concatenate(corners))
+        self.first_outline = self.outline
         own_low = points[:, 2].min(initial=np.inf)
         own_high = points[:, 2].max(initial=-np.inf)
         low = min(self.comm.allgather(float(own_low)))
@@ -346,7 +348,9 @@ class _Fold(StowStep):
         # The blade comes over the side that stays, and ends above the line.
         blade_length = WIDENING * float(distance.max())
         centre = line + (blade_length / 2) * direction
-        away = 1.2 * blade_length + gap
+        # Where it waits it is outside of the film as it was before all folds, too.
+        reach = float(((plan.first_outline - line) @ direction).max())
+        away = max(1.2 * blade_length, WIDENING * reach) + gap
         blade = Course(away)
         hinge = height + gap
         blade_box = Box(
