@@ -84,6 +84,9 @@ REST = 1.0
 # How far tools are that wait, in sizes of the film.
 FAR = 4.0
 
+# Grips hold nodes that are no higher over the lowest ones than this part of the height of the film.
+GRIP_RISE = 0.25
+
 # The second grip is at least this part of the distance of the first one from all lines.
 GRIP_SHARE = 0.5
 
@@ -718,8 +721,8 @@ class Stow(Group, Sampled):
         ]
 
     def _points_ahead(self) -> list[tuple[Port, Array]]:
-        """Two nodes, with their positions (3,) [m] at the start, that lie on the floor and ahead of
-        the lines of all folds: the one that is furthest from these lines, and of those that are
+        """Two nodes, with their positions (3,) [m] at the start, that lie low and ahead of the
+        lines of all folds: the one that is furthest from these lines, and of those that are
         half as far from them at least the one that is furthest from it.  None if there are no two
         nodes.  Collective."""
         plan = self._plan
@@ -733,19 +736,22 @@ class Stow(Group, Sampled):
         ahead = np.full(len(positions), np.inf)
         for fold in plan.folds:
             ahead = np.minimum(ahead, fold.distance(positions @ plan.axes[:2].T))
-        heights = np.where(ahead > 0, positions @ plan.axes[2], np.inf)
-        lowest = min(plan.comm.allgather(float(heights.min(initial=np.inf))))
-        ahead[heights > lowest + plan.spacing] = -np.inf
+        heights = positions @ plan.axes[2] - plan.origin @ plan.axes[2]
+        lowest = min(plan.comm.allgather(float(heights[ahead > 0].min(initial=np.inf))))
+        rise = heights - lowest
+        # Film that stands higher moves along the floor when it is pressed.
+        ahead[rise > max(plan.spacing, GRIP_RISE * plan.plate.start)] = -np.inf
 
         def best(score: Array) -> tuple[float, Vector, tuple[int, int]]:
             """The largest score of all ranks, and the position and the node that have it."""
             own = [(float(score[k]), _vector(positions[k]), nodes[k]) for k in _largest(score)]
             return max(row for rows in plan.comm.allgather(own) for row in rows)
 
-        distance, first, node = best(ahead)
+        # Of nodes at the same distance the lowest one.
+        distance, first, node = best(ahead - rise)
         if distance <= 0:
             return []
-        apart = np.linalg.norm(positions - first, axis=1)
+        apart = np.linalg.norm(positions - first, axis=1) - rise
         gap, second, other = best(np.where(ahead >= GRIP_SHARE * distance, apart, -np.inf))
         if gap <= 0:
             return []
