@@ -56,7 +56,7 @@ THEORY = (
     "thermal",
     "wrinkling",
 )
-GUIDES = ("choose", "damping", "modes", "statics", "step_size")
+GUIDES = ("choose", "damping", "fold", "modes", "statics", "step_size")
 # Pages with tables of evidence, by the name of their file of records.
 PAGES = {
     "first_page": ROOT / "README.md",
