@@ -12,7 +12,7 @@ from gossamer_fx.app.cli.demo import demos_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("first_page", "benchmark", "findings", "measured", "performance", "sources")
-PAGES += ("verification", "choose", "damping", "files", "folded_tube", "modes", "statics")
+PAGES += ("verification", "choose", "damping", "files", "fold", "folded_tube", "modes", "statics")
 PAGES += ("step_size", "contact", "gas", "gradients", "orbit", "plates", "reduction", "step")
 PAGES += ("thermal", "wrinkling")
 # Parts that other commands make from result files, which have their own tests.
