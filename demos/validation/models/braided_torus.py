@@ -16,8 +16,9 @@ small further stiffness E_L along the tube give, per width,
     A11 = G cot²β + E_L,    A12 = A66 = G,    A22 = G tan²β                                      (1)
 
 Axial cords are bonded to the wall at any angles of the section; after inflation each has F_c, from
-which it loses force on its unloading curve while the torus is pulled in (`TabulatedCable`).  The
-stretches of the wall are those of a straight tube, see `braided_tube`.
+which it loses force on its unloading curve while the torus is pulled in (`TabulatedCable`; the
+curve is "moved" or "scaled" to where F_c was reached). The stretches of the wall are those of a
+straight tube, see `braided_tube`.
 
 The shape of the torus under the first, small cable forces was measured.  The stress-free shape is
 corrected until the computed shape under these forces is the measured one: with c the radius of the
@@ -52,7 +53,7 @@ OPTIONAL_INPUTS = {"cells_along": "1", "cells_around": "1", "second_pressure": "
 
 # Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
 # "cells_around" are given.
-CELLS = (48, 6)
+CELLS = (96, 12)
 QUICK_CELLS = (16, 6)
 
 # Corrections (2) of the stress-free shape.

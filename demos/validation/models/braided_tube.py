@@ -25,7 +25,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from mpi4py import MPI
@@ -100,6 +100,7 @@ class Tube:
         cord_force: of each cord after inflation [N].
         cord_strain, cord_table: strain and force of a cord.
         cord_unloading: strain and force of a cord that unloads; None: as it is loaded.
+        cord_unloading_rule: how this curve is brought to a reversal, see `TabulatedCable`.
         cord_compression: force per strain of a cord in compression [N].
         deflection: of midspan up to which the test is followed.
     """
@@ -115,6 +116,7 @@ class Tube:
     cord_strain: Array
     cord_table: Array
     cord_unloading: tuple[Array, Array] | None
+    cord_unloading_rule: Literal["moved", "scaled"]
     cord_compression: float
     deflection: float
 
@@ -217,6 +219,7 @@ class Tube:
             share * force,
             line_density=CORD_MASS,
             unloading=unloading,
+            unloading_rule=self.cord_unloading_rule,
         )
 
     def cord_strain_after_inflation(self) -> float:
@@ -248,6 +251,7 @@ def inflated_stretches(
 def cords_of(inputs: Inputs) -> dict[str, Any]:
     """The cords of a case file, as `Tube` takes them."""
     unloading = None
+    rule = "moved"
     if "cord_unloading_strain" in inputs:
         strain = inputs.numbers("cord_unloading_strain", "1")
         force = inputs.numbers("cord_unloading_force", "N")
@@ -257,12 +261,14 @@ def cords_of(inputs: Inputs) -> dict[str, Any]:
             f"cord_unloading_force {len(force)}; give as many, two at least.",
         )
         unloading = strain, force
+        rule = inputs.word("cord_unloading_rule", ("moved", "scaled"))
     return {
         "cord_angles": np.mod(inputs.numbers("cord_angles", "rad"), 2 * math.pi),
         "cord_force": inputs.number("cord_force", "N", above=0),
         "cord_strain": inputs.numbers("cord_table_strain", "1"),
         "cord_table": inputs.numbers("cord_table_force", "N"),
         "cord_unloading": unloading,
+        "cord_unloading_rule": rule,
         "cord_compression": inputs.number("cord_compression", "N", above=0),
     }
 
