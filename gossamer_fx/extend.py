@@ -60,9 +60,12 @@ Studies
     what is measured: `relative_drift`, `FieldFunctions`, `AreaFractions`
     constants of flight: `AU` [m], `EARTH_MU` [m³/s²], `EARTH_RADIUS` [m], `EARTH_J2`
 Checks
-    `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `ask_points`,
+    `check`, `check_on_all`, `check_positive`, `check_known`, `check_in_scene`, `is_vector`, `ask`,
+    `ask_numbers`, `ask_points`,
     `InputError`, `errors_as_sentences` for programs; `check_arguments` with the marks `positive`,
-    `not_negative`, `Range`, `Count`
+    `not_negative`, `Range`, `Count`, `at_least`, `RISING`, `NOT_ZERO`, or an own `Mark`; with
+    relations between arguments: `exactly_one`, `at_most_one`, `both_or_none`, `only_with`, `some`,
+    `as_many`, `rising`, `below`, `different`
 """
 
 from gossamer_fx.core.checks.lazy_names import lazy_names

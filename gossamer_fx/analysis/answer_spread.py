@@ -37,6 +37,7 @@ from gossamer_fx.analysis.cases.results import (
 )
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.plot.written_panels import written_panels
 
@@ -154,10 +155,7 @@ class Spread:
             InputError: no run has such a number.
         """
         known = number_names([run.numbers for run in self.results])
-        check(
-            quantity in known,
-            f"No run has a number {quantity!r}; give one of {', '.join(known) or 'none'}.",
-        )
+        check_known("The outcome of the runs", "number", quantity, known)
         for result in self.results:
             if not math.isfinite(result.numbers.get(quantity, math.nan)):
                 words = result.failed or "no finite value"
@@ -317,7 +315,7 @@ def spread(
         0.2152, determined to 1.1 %
     """
     for name in chance:
-        check(name in vary, f"spread: chance has {name!r}, which is not varied; vary it.")
+        check_known("spread: vary", "factor", name, vary)
     runs = one_at_a_time(vary)
     make = partial(Spread, chance=chance, limit=limit, scales=scales or {}, quantities=quantities)
     if folder is not None:

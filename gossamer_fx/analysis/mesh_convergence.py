@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -34,8 +34,9 @@ from gossamer_fx.analysis.cases.results import (
     number_text,
     observed_order,
 )
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import at_least, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.relations import as_many
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import corner_points, sizes
 from gossamer_fx.core.model.body import Array
@@ -240,12 +241,12 @@ class Convergence:
         return curves
 
 
-@check_arguments
+@check_arguments(as_many("meshes", "sizes"))
 def convergence(
     quantity: Callable[[Any], Any],
     *,
-    meshes: Sequence[Any],
-    sizes: Sequence[float] = (),
+    meshes: Annotated[Sequence[Any], at_least(2)],
+    sizes: Sequence[Annotated[float, positive()]] = (),
     exact: float | Mapping[str, float] | None = None,
 ) -> Convergence:
     """Compute quantities on several meshes, and their errors, orders and run times.
@@ -284,7 +285,6 @@ def convergence(
         >>> round(1e4 * found.exact["value"], 2)
         4.9
     """
-    check(len(meshes) >= 2, f"convergence: there are {len(meshes)} meshes; give two or more.")
     h = _sizes(meshes, sizes)
     check(
         len(np.unique(h)) == len(h),
@@ -467,11 +467,6 @@ def _sizes(meshes: Sequence[Any], given: Sequence[float]) -> Array:
     """
     if len(given):
         found = np.asarray(given, dtype=float)
-        check(
-            len(found) == len(meshes) and bool((found > 0).all()),
-            f"convergence: sizes is {list(given)!r}; give a positive number for each of the "
-            f"{len(meshes)} meshes.",
-        )
         return found
     sizes_of_meshes = []
     for mesh in meshes:

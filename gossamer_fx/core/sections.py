@@ -7,7 +7,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Annotated
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import below
 
 __all__ = ["Section", "rectangle", "solid_circle", "tube"]
 
@@ -99,7 +99,7 @@ def solid_circle(radius: Length, *, E: Modulus, nu: PoissonsRatio, density: Dens
     return _of_shape(E, nu, density, math.pi * radius**2, second, second, 2 * second, k)
 
 
-@check_arguments
+@check_arguments(below("wall_thickness", "outer_radius"))
 def tube(
     outer_radius: Length, wall_thickness: Length, *, E: Modulus, nu: PoissonsRatio, density: Density
 ) -> Section:
@@ -121,12 +121,6 @@ def tube(
         >>> round(section.line_density, 4)
         0.0968
     """
-    check(
-        wall_thickness < outer_radius,
-        f"tube: wall_thickness is {wall_thickness!r} m, "
-        f"not less than the outer radius of {outer_radius!r} m; "
-        "use solid_circle for a solid section.",
-    )
     inner = outer_radius - wall_thickness
     area = math.pi * (outer_radius**2 - inner**2)
     second = math.pi * (outer_radius**4 - inner**4) / 4

@@ -14,7 +14,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
@@ -141,11 +141,7 @@ def chamber_states(system: System) -> dict[str, Any]:
 def chamber_state(system: System, name: str) -> Any:
     """State of the gas in one chamber or tank; `InputError` if none in the scene has this name."""
     chambers = chamber_states(system)
-    known = ", ".join(chambers) or "none"
-    check(
-        name in chambers,
-        f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.",
-    )
+    check_known("The scene", "chamber", name, chambers)
     return chambers[name]
 
 

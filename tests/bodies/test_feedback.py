@@ -292,14 +292,14 @@ def test_refusals() -> None:
         tape = gx.analysis.RunTape(run)
         run.run(until=0.1)
         gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["body.spin"])
-    with pytest.raises(gx.InputError, match="is not in the scene of this run"):
+    with pytest.raises(gx.InputError, match=r"Feedback 'feedback' is not in the scene; add it\."):
         other, _ = pushed(proportional_derivative)
         feedback.commands(gx.Simulation(other, STEPPER))
-    with pytest.raises(gx.InputError, match="at least one of each"):
+    with pytest.raises(gx.InputError, match=r"measures is \[\]"):
         gx.control.Feedback([], proportional_derivative, [], period=0.1)
     frame = gx.RigidBody(1.0, (1.0, 1.0, 1.0)).frame()
     twins = [gx.control.BodyTorque(frame), gx.control.BodyTorque(frame)]
-    with pytest.raises(gx.InputError, match="two actuators have one name"):
+    with pytest.raises(gx.InputError, match="the actuator 'torque' is given twice"):
         gx.control.Feedback([lambda run: 0.0], proportional_derivative, twins, period=0.1)
-    with pytest.raises(gx.InputError, match="has no length"):
+    with pytest.raises(gx.InputError, match=r"direction is \(0\.0, 0\.0, 0\.0\)"):
         gx.control.Thruster(frame, (0.0, 0.0, 0.0))

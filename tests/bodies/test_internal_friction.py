@@ -197,9 +197,9 @@ def test_the_stress_of_the_friction_is_shown(comm) -> None:
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"stiffness": (1.0, 2.0)}, "2 stiffnesses and 1 limits"),
-        ({"stiffness": (), "limit": ()}, "0 stiffnesses and 0 limits"),
-        ({"strain": (0, 0, 0)}, "give a weight"),
+        ({"stiffness": (1.0, 2.0)}, "stiffness has 2 and limit has 1 entries"),
+        ({"stiffness": (), "limit": ()}, r"stiffness is \(\)"),
+        ({"strain": (0, 0, 0)}, r"strain is \(0, 0, 0\)"),
         ({"limit": (-1.0,)}, "limit"),
     ],
 )

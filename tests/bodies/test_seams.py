@@ -173,9 +173,9 @@ def test_ease_is_reported_and_limited() -> None:
     [
         (("right", "seam"), {}, "no group 'seam'"),
         (("film", "left"), {}, "'film' has dimension 2"),
-        (("right", "right"), {"same": True}, "sewn to itself"),
-        (("right", "left"), {"closing": (1.0, 0.5)}, "two times that rise"),
-        (("right", "left"), {"closing": (-1.0, 0.5)}, "two times that rise"),
+        (("right", "right"), {"same": True}, "a and b, edge_a and edge_b are the same"),
+        (("right", "left"), {"closing": (1.0, 0.5)}, r"closing is \(1\.0, 0\.5\)"),
+        (("right", "left"), {"closing": (-1.0, 0.5)}, r"closing is \(-1\.0, 0\.5\)"),
     ],
 )
 def test_bad_seams_are_refused(edges: tuple[str, str], options: dict, words: str) -> None:

@@ -93,7 +93,10 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
 @pytest.mark.parametrize(
     "act, words",
     [
-        (lambda a, b: gx.Tie(a, a, group_a="left", group_b="left"), "tied to itself"),
+        (
+            lambda a, b: gx.Tie(a, a, group_a="left", group_b="left"),
+            "a and b, group_a and group_b are the same",
+        ),
         (lambda a, b: gx.Tie(a, b, group_a=None, group_b="left"), "name a curve of its mesh"),
         (lambda a, b: gx.Tie(a, b, group_a="left", group_b="film"), "has dimension 2; name curves"),
         (

@@ -166,8 +166,11 @@ def test_at_rest_the_branches_have_relaxed():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda m: (gx.Membrane(m, LAW), (1.0,), (1.0, 2.0)), "1 ratios and 2 times"),
-        (lambda m: (gx.Membrane(m, LAW), (), ()), "0 ratios and 0 times"),
+        (
+            lambda m: (gx.Membrane(m, LAW), (1.0,), (1.0, 2.0)),
+            "ratios has 1 and times has 2 entries",
+        ),
+        (lambda m: (gx.Membrane(m, LAW), (), ()), r"ratios is \(\)"),
         (lambda m: (gx.Membrane(m, LAW), (1.0,), (0.0,)), "entries are each a positive number"),
         (lambda m: (gx.Plate(m, LAW), (1.0,), (1.0,)), "bending branches do not act on"),
         (
@@ -411,8 +414,11 @@ def test_the_loss_factor_is_flat_over_its_band(state, frequency):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"loss_factor": 0.01, "band": (10.0, 1.0)}, "the lower one first"),
-        ({"loss_factor": 0.01, "band": (0.0, 1.0)}, "two positive frequencies"),
+        (
+            {"loss_factor": 0.01, "band": (10.0, 1.0)},
+            r"band is \(10\.0, 1\.0\), whose number 2 does not fit",
+        ),
+        ({"loss_factor": 0.01, "band": (0.0, 1.0)}, r"band is \(0\.0, 1\.0\)"),
         ({"loss_factor": 0.5, "band": (1.0, 10.0)}, "loss_factor"),
     ],
 )
@@ -430,7 +436,5 @@ def test_a_loss_factor_at_a_frequency_is_a_damping_time():
         gx.InputError, match=r"loss_factor is 0\.02 and frequency is None; give both"
     ):
         gx.Damping(body, loss_factor=0.02)
-    with pytest.raises(
-        gx.InputError, match=r"stiffness_factor is 0\.1 s, and loss_factor is given"
-    ):
+    with pytest.raises(gx.InputError, match="stiffness_factor and loss_factor are both given"):
         gx.Damping(body, loss_factor=0.02, frequency=50.0, stiffness_factor=0.1)

@@ -228,7 +228,7 @@ BAD = {
     ),
     "rest angle": (
         lambda film: gx.connectors.Crease(film, "crease", stiffness=1e-3, rest_angle=3.2),
-        "rest_angle is 3.2 rad; stay within half a turn",
+        "rest_angle is 3.2 rad; give a number between",
     ),
     "yield": (
         lambda film: gx.connectors.Crease(film, "crease", stiffness=1e-3, yield_angle=-1.0),
@@ -236,7 +236,7 @@ BAD = {
     ),
     "shut": (
         lambda film: gx.connectors.Crease(film, "crease", stiffness=1e-3, initial_fold=0),
-        "initial_fold is 0; give 1 for a valley fold",
+        "initial_fold is 0; give 1 or -1",
     ),
     "normals": (
         lambda film: gx.connectors.Crease(

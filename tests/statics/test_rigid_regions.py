@@ -227,7 +227,7 @@ def test_what_cannot_be_one_piece_is_refused(comm):
         (lambda: gx.RigidRegion(film, "nowhere"), "nowhere"),
         (
             lambda: gx.RigidRegion(film, "right", rigid_body=body, sliding=True),
-            "leave one of them out",
+            "sliding and rigid_body are both given",
         ),
         (lambda: straight.frame, "apply torques to its line"),
         (lambda: plane.line, "apply torques to its frame"),

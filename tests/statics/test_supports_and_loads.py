@@ -106,8 +106,11 @@ def test_a_load_on_a_seam_of_three_sheets_counts_once():
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
-        ({"force": (1.0, 0.0, 0.0), "normal_force": 1.0}, "either a force or a normal one"),
-        ({}, "either a force or a normal one"),
+        (
+            {"force": (1.0, 0.0, 0.0), "normal_force": 1.0},
+            r"force is \(1\.0, 0\.0, 0\.0\) and normal_force is 1\.0",
+        ),
+        ({}, "force is None and normal_force is None"),
         ({"force": (1.0, np.nan, 0.0)}, "three numbers"),
     ],
 )

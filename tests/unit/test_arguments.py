@@ -19,15 +19,37 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.core.checks.arguments import (
+    DISTINCT,
+    NOT_ZERO,
+    POSITIVE,
+    RISING,
+    Column,
     Count,
+    Curve,
+    Direction,
     Range,
+    at_least,
     check_arguments,
+    ends_in,
     kind_of,
     not_negative,
     positive,
     resolved,
 )
 from gossamer_fx.core.checks.lazy_names import public_names
+from gossamer_fx.core.checks.relations import (
+    Relation,
+    as_many,
+    at_most_one,
+    below,
+    both_or_none,
+    different,
+    each_once,
+    exactly_one,
+    only_with,
+    rising,
+    some,
+)
 from tests.survival.on_ranks import complete
 
 ROOT = Path(gx.__file__).parents[1]
@@ -129,6 +151,17 @@ CASES: list[tuple[Any, Sequence[Any], Sequence[Any]]] = [
     (Annotated[float, not_negative()] | None, [0, 1.5, None], [-1e-9, "0"]),
     (Annotated[int, Range(1, 3)], [1, np.int64(3)], [0, 4, 2.0]),
     (Annotated[float, Range(0.0, 1.0, above=True)], [1e-9, 1], [0.0, 1.1]),
+    (Annotated[float, Range(0.0, 1.0, below=True)], [0, 0.9], [-0.1, 1.0]),
+    (Annotated[Sequence[int], at_least(2)], [(1, 2), [1, 2, 3]], [(), [1], 3]),
+    (Annotated[Mapping[str, float], at_least(1)], [{"a": 1}], [{}]),
+    (Annotated[Sequence[float], RISING], [(), [1, 2], np.arange(3)], [[1, 1], [2, 1]]),
+    (Annotated[Sequence[float], POSITIVE], [[1, 2]], [[1, 0], np.array([-1.0])]),
+    (Annotated[Sequence[str], DISTINCT], [(), ["a", "b"]], [["a", "a"]]),
+    (Annotated[tuple[int, int], NOT_ZERO], [(0, 1)], [(0, 0)]),
+    (Annotated[str | Path, ends_in(".pvd")], ["a.pvd", Path("b/a.PVD")], ["a", "a.pvd/b", 3]),
+    (Direction, [(0, 0, 2), np.eye(3)[0]], [(0, 0, 0), (1, 2), np.eye(3)]),
+    (Column, [[1.0], np.arange(2.0)], [np.eye(2), 1.0, [[1.0]]]),
+    (Curve, [([0, 1], [0, 0])], [([0], [0]), ([1, 0], [0, 1]), ([0, 1], [1, 0]), ([0, 1], [0])]),
     (Sequence[Annotated[int, Range(1)]], [[], [1, 2]], [[1, 0], 1]),
     (Sequence[float], [(), [1, 2], np.ones(4)], ["12", 1.0, [[1.0]], [math.nan], {1.0: 2.0}]),
     (tuple[int, ...], [(0, 1), [2], np.arange(3)], [(0.5,), 1, "1"]),
@@ -170,6 +203,67 @@ def test_numbers_out_of_range_are_named_with_their_unit_and_the_range() -> None:
     ):
         with pytest.raises(gx.InputError, match=rf"^sheet: {re.escape(message)}$"):
             sheet(**({"width": 1.0} | given))  # type: ignore[arg-type]
+
+
+ONE = object()
+RELATIONS: list[tuple[Relation, dict[str, Any], dict[str, Any], str]] = [
+    (exactly_one("a", "b"), {"a": 0.0}, {}, "a is None and b is None; give one of them"),
+    (exactly_one("a", "b"), {"b": 1}, {"a": 1, "b": 2}, "a is 1 and b is 2; give one of them"),
+    (at_most_one("a", "c"), {"c": (1,)}, {"a": 1, "c": (1,)}, "a and c are both given; give one"),
+    (both_or_none("a", "b"), {}, {"a": 1}, "a is 1 and b is None; give both or none"),
+    (only_with("d", "a"), {"d": False}, {"d": True}, "d is given without a; give both, or leave d"),
+    (some("a", "c"), {"c": (1,)}, {"c": []}, "a is None and c is []; give one or more"),
+    (
+        as_many("a", "c"),
+        {"a": [1]},
+        {"a": [1], "c": [1, 2]},
+        "a has 1 and c has 2 entries; give as",
+    ),
+    (rising("a", "b"), {"a": 1, "b": 1}, {"a": 2, "b": 1}, "a is 2 and b is 1; give a larger b"),
+    (below("a", "b"), {"a": 1}, {"a": 1, "b": 1}, "a is 1 and b is 1; give a larger b"),
+    (different(("a", "b"), give="two"), {"a": 1, "b": 2}, {"a": "x", "b": "x"}, "a and b are the "),
+    (each_once("c"), {"c": (1, 2)}, {"c": (ONE, ONE)}, "is given twice; give it once"),
+]
+
+
+@pytest.mark.parametrize(("relation", "good", "bad", "words"), RELATIONS)
+def test_relations_between_arguments_are_checked_before_the_call(
+    relation: Relation, good: dict[str, Any], bad: dict[str, Any], words: str
+) -> None:
+    called = []
+
+    @check_arguments(relation)
+    def join(a: Any = None, b: Any = None, c: Any = (), d: bool = False) -> None:
+        called.append((a, b, c, d))
+
+    @check_arguments(relation)
+    @dataclass
+    class Joined:
+        a: Any = None
+        b: Any = None
+        c: Any = ()
+        d: bool = False
+
+    @check_arguments
+    @dataclass
+    class Heir(Joined):
+        e: int = 0
+
+    makers: list[Callable[..., Any]] = [join, Joined, Heir]
+    for make in makers:
+        make(**good)
+        with pytest.raises(gx.InputError, match=re.escape(words)):
+            make(**bad)
+    assert len(called) == 1
+
+
+def test_a_list_that_does_not_rise_is_refused_by_its_first_wrong_entry() -> None:
+    @check_arguments
+    def table(x: Annotated[Column, RISING]) -> None: ...
+
+    table(np.arange(4.0))
+    with pytest.raises(gx.InputError, match=r"table: x is .*, whose number 3 does not fit; give"):
+        table([0.0, 1.0, 1.0, 2.0])
 
 
 def test_infinity_is_taken_where_it_is_the_default() -> None:
@@ -222,5 +316,7 @@ def test_the_name_of_a_part_is_in_the_message() -> None:
 
 def test_inherited_fields_of_dataclasses_are_resolved_in_their_own_module() -> None:
     module = importlib.import_module("gossamer_fx.mechanics.contact.obstacles")
-    with pytest.raises(gx.InputError, match=r"Plane: friction is 'rough'; give a number or None"):
+    with pytest.raises(
+        gx.InputError, match=r"Plane: friction is 'rough'; give zero or a positive number"
+    ):
         module.Plane(point=(0, 0, 0), normal=(0, 0, 1), friction="rough")

@@ -245,7 +245,10 @@ def test_rates_and_start_values_of_all_state_variables_are_asked_for():
         run_of(Forgetful(vessel, OUTSIDE, lift=None), dt=0.1)
     valve = plate_valve(vessel)
     run = run_of(valve, dt=0.1)
-    with pytest.raises(gx.InputError, match=r"no state variable 'area'; give one of \['lift', 's"):
+    with pytest.raises(
+        gx.InputError,
+        match=r"'valve' has no state variable 'area'; its state variables are: lift, speed\.",
+    ):
         valve.variable(run, "area")
     with pytest.raises(gx.InputError, match="'valve' is not in the scene"):
         plate_valve(vessel).variable(run, "lift")

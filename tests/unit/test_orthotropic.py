@@ -343,7 +343,7 @@ def test_hoops_of_a_tube_go_around_its_axis() -> None:
             lambda: gx.Orthotropic(1.0, 1.0, 0.3, 0.5, residual_stiffness=2.0, **FABRIC),
             "residual_stiffness is 2.0",
         ),
-        (lambda: along({"a": (0.0, 0.0, 0.0)}), "in 'a'"),
+        (lambda: along({"a": (0.0, 0.0, 0.0)}), "direction is {'a': (0.0, 0.0, 0.0)}"),
         (lambda: gx.materials.AroundAxis((0.0, 0.0, 0.0)), "axis"),
     ],
 )

@@ -216,13 +216,13 @@ SCENES: list[Case] = [
 SUPPORTS_AND_LOADS: list[Case] = [
     (lambda: gx.Fixed(film(), "left", components=(3,)), "components"),
     (lambda: gx.Fixed(film(), "left", components=()), "components"),
-    (lambda: gx.Damping(film()), "damping"),
+    (lambda: gx.Damping(film()), "stiffness_factor is 0.0"),
     (lambda: gx.Fixed(film(), "left", rotation=True), "a Plate"),
     (lambda: gx.Fixed(cable(), "start", direction=Z), "Beam"),
     (lambda: loaded(lambda sail: gx.loads.EdgeMoment(sail, "left", moment=1.0)), "EdgeMoment"),
     (lambda: gx.loads.EdgeLoad(branched(), "seam", normal_force=1.0), "sheets meet"),
-    (lambda: gx.loads.Force(body().vector(1), (1.0, 0.0, 0.0)), "not a point"),
-    (lambda: gx.gas.Piston(body().vector(1), 1e-2, direction=Z), "not a point"),
+    (lambda: gx.loads.Force(body().vector(1), (1.0, 0.0, 0.0)), "give a point"),
+    (lambda: gx.gas.Piston(body().vector(1), 1e-2, direction=Z), "give a point"),
     (lambda: control(axes=((1, 0), (0, 1), (0, 0))), "axes"),
     (lambda: control(axes=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "right-handed"),
 ]
@@ -236,7 +236,7 @@ STATICS: list[Case] = [
     (lambda: supported(film()).reaction(gx.Fixed(film(), "left")), "scene"),
     (lambda: supported(film()).joint_force(gx.Fixed(film(), "left")), "joint"),
     (lambda: gx.analysis.modes(supported(film()), 10**4), "modes"),
-    (lambda: run(film(), halvings=3, control=gx.StepControl()), "give it min_step instead"),
+    (lambda: run(film(), halvings=3, control=gx.StepControl()), "a min_step instead"),
     (
         lambda: (lambda sail: gx.fields.field_values(supported(sail), sail, field="heat"))(film()),
         "heat",
@@ -245,7 +245,7 @@ STATICS: list[Case] = [
 ]
 
 GAS: list[Case] = [
-    (lambda: chamber(), "chamber"),
+    (lambda: chamber(), "volume is None"),
     (lambda: compiled(chamber(flipped_pillow(True))), "dead_volume"),
     (lambda: compiled(chamber(film(), dead_volume=1e-3)), "open"),
     (lambda: compiled(chamber(flipped_pillow(False), dead_volume=1e-3)), "normals"),
@@ -259,7 +259,7 @@ GAS: list[Case] = [
         )(tube()),
         "Two chambers",
     ),
-    (lambda: gx.Orifice(*[tank()] * 2, area=1e-6), "orifice"),
+    (lambda: gx.Orifice(*[tank()] * 2, area=1e-6), "give two volumes"),
     (
         lambda: compiled(gx.Orifice(OUTSIDE, gx.gas.Ambient(2.0, name="other"), area=1e-6)),
         "no chamber or tank",

@@ -11,14 +11,15 @@ from typing import Annotated, Any
 from gossamer_fx.analysis.cases.recorded_numbers import recorded_numbers
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.arguments import Range, check_arguments
-from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.checks.errors import on_rank_zero
+from gossamer_fx.core.checks.relations import at_most_one
 from gossamer_fx.records.outputs.output import Output, Probe
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.outputs.static_records import record, record_modes
 from gossamer_fx.solve.scene.scene import Scene
 
 
-@check_arguments
+@check_arguments(at_most_one("at", "path"))
 @dataclass(frozen=True, eq=False)
 class StaticCase:
     """A case at rest for `./gossamer run`: what `build(comm)` of a scene file returns, as `Case` is
@@ -65,13 +66,6 @@ class StaticCase:
     fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
     probes: Mapping[str, Probe] = field(default_factory=dict)
     outputs: Sequence[Output] = ()
-
-    def __post_init__(self) -> None:
-        check(
-            not (self.path and len(self.at)),
-            "StaticCase: at and path are given; a path has its own loads, so leave one of them "
-            "out.",
-        )
 
     @property
     def scene(self) -> Scene:

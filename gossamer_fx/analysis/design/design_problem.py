@@ -24,6 +24,7 @@ from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
+from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.probes.objective import Objective
@@ -134,11 +135,7 @@ class RunSource:
         )
         known = {derivative.name: derivative for derivative in found}
         for name, value in self._values.items():
-            check(
-                name in known,
-                f"{self.who}: the gradient has no derivative by '{name}'; it has: "
-                f"{', '.join(known)}.",
-            )
+            check_known(f"{self.who}: the gradient", "derivative", name, known)
             size = len(known[name].values)
             check_on_all(
                 self.comm,
@@ -217,7 +214,7 @@ class DesignProblem:
         self._of = of
         present = source.values()
         for name in basis:
-            check(name in present, f"{who}: basis has '{name}', which is not in by.")
+            check_known(f"{who}: by, for the basis,", "name", name, present)
         self.variables = [
             self._variable(name, values, basis.get(name)) for name, values in present.items()
         ]
@@ -269,6 +266,15 @@ class DesignProblem:
         """Names of the parameters whose numbers are distributed over ranks."""
         return [variable.name for variable in self.variables if variable.is_distributed]
 
+    def refuse_distributed(self, remedy: str) -> None:
+        """Raise `InputError` if the numbers of a parameter are distributed over ranks."""
+        names = self.distributed()
+        check(
+            not names,
+            f"{self.who}: '{', '.join(names)}' is a field, which is distributed over "
+            f"{self.comm.size} ranks; {remedy}, or use one rank.",
+        )
+
     def parts(self, x: Array) -> Iterator[tuple[DesignVariable, Array]]:
         """The parameters, and the numbers of each in the vector of this rank."""
         ends = np.cumsum([variable.size for variable in self.variables])
@@ -296,7 +302,7 @@ class DesignProblem:
         """
         names = [variable.name for variable in self.variables]
         for name in given:
-            check(name in names, f"{self.who}: bounds has '{name}', which is not in by.")
+            check_known(f"{self.who}: by, for the bounds,", "name", name, names)
         lows = []
         highs = []
         for variable in self.variables:

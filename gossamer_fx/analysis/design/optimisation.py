@@ -38,8 +38,9 @@ from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.analysis.sensitivity.tape import RunTape
 from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.core.checks.arguments import Range, check_arguments
+from gossamer_fx.core.checks.arguments import Range, at_least, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import rising, some
 from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.probes.objective import Objective
@@ -221,7 +222,7 @@ Method = Literal["L-BFGS-B", "SLSQP", "blmvm", "bqnls"]
 TAO_METHODS = ("blmvm", "bqnls")
 
 
-@check_arguments
+@check_arguments(rising("low", "high"), some("low", "high"))
 @dataclass(frozen=True, eq=False)
 class Limit:
     """A result that a minimisation keeps within limits, a constraint.
@@ -243,13 +244,6 @@ class Limit:
     _: KW_ONLY
     low: float = -math.inf
     high: float = math.inf
-
-    def __post_init__(self) -> None:
-        check(
-            self.low <= self.high and (self.low > -math.inf or self.high < math.inf),
-            f"Limit: low is {self.low!r} and high is {self.high!r}; "
-            "give one of them, or both in this order.",
-        )
 
 
 @check_arguments
@@ -348,7 +342,7 @@ def minimise(
 @check_arguments
 def minimise_runs(
     evaluate: Callable[[dict[str, Array]], Gradient],
-    start: Mapping[str, Any],
+    start: Annotated[Mapping[str, Any], at_least(1)],
     *,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     method: Method | None = None,
@@ -397,7 +391,6 @@ def minimise_runs(
         >>> round(found.value, 2), found.parameters["spring.stiffness"].round()
         (-1.0, array([40.]))
     """
-    check(bool(start), "minimise_runs: start is empty; give first values by name.")
     problem = DesignProblem("minimise_runs", RunSource(evaluate, start, comm), None, {})
     return _search(problem, bounds or {}, (), method, iterations, tolerance)
 
@@ -423,12 +416,8 @@ def _search(
         method == "SLSQP" or not limits,
         f"{who}: '{method}' takes no limits; leave method out, or give bounds only.",
     )
-    check(
-        with_tao or not distributed,
-        f"{who}: '{', '.join(distributed)}' is a field, "
-        f"which is distributed over {problem.comm.size} ranks; "
-        "use method='blmvm' without limits, give a basis, or use one rank.",
-    )
+    if not with_tao:
+        problem.refuse_distributed("use method='blmvm' without limits, give a basis")
     # Two libraries, since SciPy's methods need the whole vector on each rank.
     if with_tao:
         ended = tao_minimise(problem, problem.bounds(bounds), method, iterations, tolerance)

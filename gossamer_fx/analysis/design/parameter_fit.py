@@ -39,7 +39,7 @@ from gossamer_fx.analysis.design.design_problem import (
 )
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.core.checks.arguments import Range, check_arguments
+from gossamer_fx.core.checks.arguments import Range, at_least, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.model.body import Array
@@ -88,14 +88,17 @@ class Fit:
     __repr__ = short_repr
 
 
+Uncertainty = Annotated[float, positive()] | Sequence[Annotated[float, positive()]]
+
+
 @check_arguments
 def fit(
     equilibrium: Equilibrium,
     *,
-    of: Sequence[Objective],
+    of: Annotated[Sequence[Objective], at_least(1)],
     measured: Sequence[float],
     by: Sequence[str],
-    uncertainty: float | Sequence[float] = 1.0,
+    uncertainty: Uncertainty = 1.0,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     basis: Mapping[str, Any] | None = None,
     iterations: Annotated[int, Range(1)] = 50,
@@ -142,7 +145,6 @@ def fit(
         >>> found.parameters["spring.length"].round(6), found.errors["spring.length"].round(6)
         (array([1.1]), array([0.01]))
     """
-    check(len(of) > 0, "fit: of is empty; give results.")
     problem = DesignProblem("fit", EquilibriumSource(equilibrium, by), of[0], basis or {})
 
     def evaluate(x: Array) -> Iterator[tuple[float, Array]]:
@@ -155,10 +157,10 @@ def fit(
 @check_arguments
 def fit_runs(
     evaluate: Callable[[dict[str, Array]], Sequence[Gradient]],
-    start: Mapping[str, Any],
+    start: Annotated[Mapping[str, Any], at_least(1)],
     *,
     measured: Sequence[float],
-    uncertainty: float | Sequence[float] = 1.0,
+    uncertainty: Uncertainty = 1.0,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     iterations: Annotated[int, Range(1)] = 50,
     tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-10,
@@ -198,7 +200,6 @@ def fit_runs(
         >>> found.parameters["square.side"].round(6), round(found.scatter, 3)
         (array([2.]), 1.414)
     """
-    check(bool(start), "fit_runs: start is empty; give first values by name.")
     source = _Series(evaluate, start, len(measured), comm)
     problem = DesignProblem("fit_runs", source, None, {})
 
@@ -339,22 +340,12 @@ def _check(
     """Refuse measured values y (n,) and standard deviations σ (n,) that do not fit the results that
     `evaluate` yields, more numbers than results, and fields over several ranks.  Collective."""
     who = problem.who
-    check(
-        bool(np.isfinite(y).all() and np.isfinite(σ).all() and (σ > 0).all()),
-        f"{who}: measured and uncertainty have values that are not finite, "
-        "or uncertainties that are not positive; correct them.",
-    )
     count = sum(1 for _ in evaluate(problem.start))
     check(
         count == len(y),
         f"{who}: there are {count} results and {len(y)} measured values; give as many.",
     )
-    distributed = problem.distributed()
-    check(
-        not distributed,
-        f"{who}: '{', '.join(distributed)}' is a field, "
-        f"which is distributed over {problem.comm.size} ranks; give a basis, or use one rank.",
-    )
+    problem.refuse_distributed("give a basis")
     check(
         problem.size <= len(y),
         f"{who}: {problem.size} numbers are fitted to {len(y)} results; "

@@ -56,6 +56,7 @@ from dolfinx import fem, la
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -108,10 +109,8 @@ class Snapshots(Output, Shapes):
         return self.schedule.times
 
     def open(self, run: StateView) -> None:
-        check(
-            self.body in run.system.unknowns.bodies,
-            f"Snapshots: '{self.body.name}' is not in the scene; give one of its films.",
-        )
+        bodies = run.system.unknowns.bodies
+        check_in_scene(f"Snapshots: '{self.body.name}'", self.body in bodies)
         self.positions.clear()
 
     def record(self, run: StateView, last: bool) -> None:

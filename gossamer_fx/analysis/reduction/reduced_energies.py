@@ -32,7 +32,7 @@ from gossamer_fx.analysis.reduction.points import (
     points_and_areas,
 )
 from gossamer_fx.core.algebra.numbering import NumberedBlock
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_midpoint
 from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
@@ -45,11 +45,7 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
     """All `ReducedEnergy` terms of a scene, compiled."""
 
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
-        check(
-            not system.rule.takes_mid_strain,
-            f"'{terms[0].name}': a reduced film has forces by its strains at the ends of a step; "
-            "run its scene with Midpoint.",
-        )
+        check_midpoint(terms[0].name, system.rule.takes_mid_strain)
         self._system = system
         self._forces = []
         for term in terms:

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_no_contact, check_no_gas
 from gossamer_fx.solve.system.system import System
 
 # Largest change of a coordinate in the differences, over the extent of the scene.
@@ -40,16 +41,8 @@ class StiffnessAlong:
     """
 
     def __init__(self, system: System, shape: PETSc.Vec, factor: float, what: str) -> None:
-        check(
-            not system.equations.scalar_unknowns,
-            f"{what}: the scene has gas chambers, by whose state it is not derived; "
-            "give their pressure as Pressure.",
-        )
-        check(
-            not system.equations.active_sets,
-            f"{what}: the scene has contact, with which stiffnesses have no derivative; leave it "
-            "out.",
-        )
+        check_no_gas(system, what, "by whose state it is not derived")
+        check_no_contact(system, what, "with which stiffnesses have no derivative")
         self._system = system
         self._shape = shape.copy()
         self._factor = factor

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Array, MeshBody
@@ -72,10 +73,7 @@ class Integral(Objective):
     def _prepare(self, system: System) -> tuple[fem.Form, fem.Form]:
         """The forms of the integral and of its derivative, which read the present positions;
         compiled at the first use.  Collective."""
-        check(
-            self.body in system.unknowns.bodies,
-            f"Integral: '{self.body.name}' is not in the scene; add it.",
-        )
+        check_in_scene(f"Integral: '{self.body.name}'", self.body in system.unknowns.bodies)
         if self._compiled is None:
             form = self._form(self._q)
             derivative = ufl.derivative(form, self._q, ufl.TestFunction(self.body.space))

@@ -33,7 +33,7 @@ from gossamer_fx.analysis.sensitivity.variables import (
     PointVariable,
     find_variables,
 )
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Direction, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector
 from gossamer_fx.records.probes.objective import ForceObjective, Objective
@@ -48,7 +48,7 @@ UNBALANCED = 1e-6
 
 @check_arguments
 def point_stiffness(
-    equilibrium: Sought, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
+    equilibrium: Sought, port: Port, *, direction: Direction = (0.0, 0.0, 1.0)
 ) -> float:
     """Stiffness dF/du [N/m] of a point about an equilibrium, by its tangent.  Collective.
 
@@ -115,7 +115,7 @@ class PointStiffness(Objective):
     unit = "N/m"
 
     def __init__(
-        self, equilibrium: Sought, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
+        self, equilibrium: Sought, port: Port, *, direction: Direction = (0.0, 0.0, 1.0)
     ) -> None:
         self._equilibrium = equilibrium
         self._row = partial(_row_of, equilibrium.system, port, direction)
@@ -167,7 +167,6 @@ def _row_of(system: System, port: Port, direction: Vector) -> PETSc.Vec:
     vector.  Collective."""
     unit = np.asarray(direction, dtype=float)
     length = float(np.linalg.norm(unit))
-    check(length > 0, "point_stiffness: the direction is zero; give that of the force.")
     of_unknowns = system.unknowns.numbering.vector()
     for axis, component in zip(AXES, unit / length, strict=True):
         if component:

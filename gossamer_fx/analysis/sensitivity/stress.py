@@ -21,9 +21,10 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.model.state import HasSystem
-from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.bodies.membrane import FullFilm, Membrane
 from gossamer_fx.records.fields.best_surface import cells_of
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.records.fields.fields import FIELDS
@@ -65,7 +66,7 @@ class SmoothStress(Objective):
 
     def __init__(
         self,
-        film: Membrane,
+        film: FullFilm,
         *,
         exponent: Annotated[float, Range(2.0, 60.0)] = 20.0,
         limit: Annotated[float, positive("Pa")] | None = None,
@@ -73,20 +74,14 @@ class SmoothStress(Objective):
         measure: Measure = "principal",
     ) -> None:
         cells_of(film, group)  # refuses a group that the mesh does not have
-        check(
-            film.full is film,
-            f"SmoothStress: '{film.name}' is a reduced film; give the film that was reduced.",
-        )
         self.film = film
         self.unit = "Pa" if limit is None else "1"
         self._over = limit or 1.0
         self._forms = ForSystem(lambda system: _StressForms(system, film, group, measure, exponent))
 
     def _in(self, system: System) -> _StressForms:
-        check(
-            self.film in system.unknowns.bodies,
-            f"SmoothStress: '{self.film.name}' is not in the scene; add it.",
-        )
+        is_in_scene = self.film in system.unknowns.bodies
+        check_in_scene(f"SmoothStress: '{self.film.name}'", is_in_scene)
         forms = self._forms(system)
         forms.update(self._over)
         return forms

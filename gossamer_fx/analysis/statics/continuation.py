@@ -60,7 +60,7 @@ from gossamer_fx.analysis.statics.remedies import (
 )
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.ending import Interrupted, Listener
-from gossamer_fx.core.checks.errors import Inadmissible, NoEquilibrium, NotConverged, check
+from gossamer_fx.core.checks.errors import Inadmissible, NoEquilibrium, NotConverged
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.records.outputs.progress import TERMINAL_INTERVAL, StatusLine
@@ -167,6 +167,10 @@ TINY = 1e-80
 LOG = logging.getLogger("gossamer_fx")
 
 
+# With a tolerance of 1 or more, the first guess would already be an equilibrium.
+Fraction = Annotated[float, Range(0.0, 1.0, above=True, below=True)]
+
+
 @check_arguments
 @dataclass(frozen=True)
 class Continuation:
@@ -196,21 +200,15 @@ class Continuation:
     """
 
     _: KW_ONLY
-    tolerance: Annotated[float, positive()] = 1e-8
+    tolerance: Fraction = 1e-8
     first_step: Annotated[float, positive("s")] = 2e-3
     growth_factor: Annotated[float, Range(1.0, above=True)] = 1.6
     fast_iterations: Annotated[int, positive()] = 12
-    cut_factor: Annotated[float, positive()] = 0.5
+    cut_factor: Fraction = 0.5
     cap_growth: Annotated[float, positive()] = 1.1
-    inner_tolerance: Annotated[float, positive()] = 0.1
+    inner_tolerance: Fraction = 0.1
     max_iterations: Annotated[int, positive()] = 25
     total_iterations: Annotated[int, positive()] = 1000
-
-    def __post_init__(self) -> None:
-        # With a tolerance of 1 or more, the first guess would already be an equilibrium.
-        for name in ("tolerance", "inner_tolerance", "cut_factor"):
-            value = getattr(self, name)
-            check(value < 1, f"Continuation: {name} is {value!r}; give a number below 1.")
 
 
 class Search:

@@ -62,6 +62,7 @@ from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.analysis.vibration.spectrum import UNKNOWN, count_unstable
 from gossamer_fx.core.checks.arguments import Range, check_arguments, collective, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
+from gossamer_fx.core.checks.lookups import check_known, check_no_contact
 from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.records.outputs.output import Output, evaluate_probe
@@ -243,11 +244,7 @@ def path(
         array([-1.1, -1.2])
     """
     system = equilibrium.system
-    check(
-        not system.equations.active_sets,
-        "path: the scene has contact, which a path does not follow; leave it out, "
-        "or find equilibria at increasing loads.",
-    )
+    check_no_contact(system, "path", "which a path does not follow")
     follower = equilibrium.followed
     if resume:
         check(
@@ -260,11 +257,8 @@ def path(
         branch = follower.branch
     check(until != start, f"path: until is {until!r}, and so is start; give two loads.")
     measures = dict(probes or {})
-    check(
-        not branch or branch in measures,
-        f"path: branch is {branch!r}, which is not the name of a probe; "
-        f"those are: {', '.join(measures) or 'none'}.",
-    )
+    if branch:
+        check_known("path: branch", "probe", branch, measures)
     if not isinstance(follower, _Follower) or not resume:
         load = _Load(system, by)
         load.set(start)

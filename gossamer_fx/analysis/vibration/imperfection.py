@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from dolfinx import fem
 
@@ -11,14 +13,16 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import geometry_element, with_points
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import has_nodal_unknowns
+from gossamer_fx.core.model.body import WITH_NODES
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 
 
 @check_arguments
-def imperfect_mesh(body: Membrane | Cable | Beam, mode: Mode, *, amplitude: float) -> Mesh:
+def imperfect_mesh(
+    body: Annotated[Membrane | Cable | Beam, WITH_NODES], mode: Mode, *, amplitude: float
+) -> Mesh:
     """The mesh of a body, displaced by a mode: a stress-free shape with a fault.  Collective.
 
     A perfect column or shell goes straight on through its buckling load; a real one has an
@@ -47,10 +51,6 @@ def imperfect_mesh(body: Membrane | Cable | Beam, mode: Mode, *, amplitude: floa
         >>> bent.cells == film.mesh.cells
         True
     """
-    check(
-        has_nodal_unknowns(body),
-        f"imperfect_mesh: '{body.name}' is a reduced film; give the film that was reduced.",
-    )
     own = mode.displacements.get(body.name, np.zeros((0, 3))).real
     nodes = body.space.dofmap.index_map.size_local
     check_on_all(

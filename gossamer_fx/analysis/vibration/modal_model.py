@@ -32,7 +32,7 @@ Source: of residual vectors, J. M. Dickens, J. M. Nakagawa & M. J. Wittbrodt, Co
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,7 +98,6 @@ class ModalModel:
         what: str,
     ) -> None:
         equilibrium.need(what)
-        check(len(modes) > 0, f"{what}: there are no modes; give those of gx.analysis.modes.")
         self._equilibrium = equilibrium
         self._system = system = equilibrium.system
         self._what = what
@@ -315,11 +314,7 @@ class ModalModel:
         beyond = np.zeros((len(probes), forces.shape[1]))
         for column, g in enumerate(rest.T):
             displacement, is_solved = self._static_displacement(g)
-            check(
-                is_solved,
-                f"{self._what}: a load pushes along a motion that nothing resists and that is not "
-                "among the modes; hold it, or ask gx.analysis.modes for more of them.",
-            )
+            self._refuse_unresisted(is_solved)
             beyond[:, column] = [by_position @ displacement for by_position, _ in derivatives]
         return LinearModes(
             squares=self._squares,
@@ -328,6 +323,13 @@ class ModalModel:
             by_position=seen[:, 0],
             by_velocity=seen[:, 1],
             beyond=comm.allreduce(beyond),
+        )
+
+    def _refuse_unresisted(self, is_resisted: bool) -> None:
+        check(
+            is_resisted,
+            f"{self._what}: a load pushes along a motion that nothing resists and that is not "
+            "among the modes; hold it, or ask gx.analysis.modes for more of them.",
         )
 
     def _residual_vectors(self, forces: Array) -> tuple[Array, Array, Array]:
@@ -341,11 +343,7 @@ class ModalModel:
             of_modes = comm.allreduce(self._shapes.T @ g)
             rest = g - self._momenta @ of_modes
             displacement, is_solved = self._static_displacement(rest)
-            check(
-                is_solved or k > 0,
-                f"{self._what}: the load pushes along a motion that nothing resists and that is "
-                "not among the modes; hold it, or ask gx.analysis.modes for more of them.",
-            )
+            self._refuse_unresisted(is_solved or k > 0)
             stiff = self._squares > 0
             energy = float(np.sum(of_modes[stiff] ** 2 / self._squares[stiff]))
             own = comm.allreduce(float(displacement @ rest))
@@ -555,18 +553,3 @@ def _derivatives(
     for each in (by_position, by_velocity):
         each.destroy()
     return found
-
-
-def checked_probes(probes: Mapping[str, Objective], system: System, what: str) -> None:
-    """Raise `InputError` for a probe without derivatives."""
-    check(
-        len(probes) > 0,
-        f"{what}: of names no result; give probes by name, e.g. "
-        '{"tip z [m]": gx.probes.Position(port, "z")}.',
-    )
-    for name, probe in probes.items():
-        check(
-            isinstance(probe, Objective),
-            f"{what}: '{name}' is {type(probe).__name__}, which has no derivatives; give a "
-            "Position, Velocity, EnclosedVolume or the like.",
-        )

@@ -26,6 +26,7 @@ from gossamer_fx.analysis.vibration.natural_modes import (
 )
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_no_gas
 from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.solve.system.system import System
 
@@ -69,11 +70,8 @@ class Frequency(Objective):
 
     def _mode(self) -> Mode:
         """The mode, which is to be the only one of its frequency.  Collective."""
-        check(
-            not self._equilibrium.system.equations.scalar_unknowns,
-            "Frequency: the scene has gas chambers, by whose state it is not derived; "
-            "give their pressure as Pressure.",
-        )
+        system = self._equilibrium.system
+        check_no_gas(system, "Frequency", "by whose state it is not derived")
         found = modes(self._equilibrium, self.number + 2)
         mode = found[self.number]
         equilibrium = self._equilibrium

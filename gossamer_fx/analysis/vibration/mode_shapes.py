@@ -12,7 +12,7 @@ from gossamer_fx.analysis.reduction.basis import Shapes
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import Mode
 from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 
@@ -63,10 +63,7 @@ class ModeShapes(Shapes):
         height: Annotated[float, positive("m")],
     ) -> None:
         system = equilibrium.system
-        check(
-            body in system.unknowns.bodies,
-            f"ModeShapes: '{body.name}' is not in the equilibrium's scene; give its film.",
-        )
+        check_in_scene(f"ModeShapes: '{body.name}'", body in system.unknowns.bodies)
         owned = system.unknowns.block(body).owned
         x0 = system.unknowns.state[body].positions()
         self.positions: list[Array] = []

@@ -27,15 +27,22 @@ from gossamer_fx.analysis.vibration.modal_model import (
     Complex,
     ModalModel,
     ModalResponse,
-    checked_probes,
 )
 from gossamer_fx.analysis.vibration.natural_modes import Mode
-from gossamer_fx.core.checks.arguments import check_arguments, collective, not_negative
+from gossamer_fx.core.checks.arguments import (
+    Band,
+    at_least,
+    check_arguments,
+    collective,
+    not_negative,
+)
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import exactly_one
 from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Vector
 from gossamer_fx.records.plot.written_panels import written_panels
+from gossamer_fx.records.probes.objective import Objective
 
 AT_REST = (0.0, 0.0, 0.0)
 
@@ -183,15 +190,19 @@ class RandomResponse:
         _draw(path, self.frequencies, self.densities, None)
 
 
-@check_arguments
+Modes = Annotated[Sequence[Mode], at_least(1)]
+Probes = Annotated[Mapping[str, Objective], at_least(1)]
+
+
+@check_arguments(exactly_one("frequencies", "band"), exactly_one("loads", "base_acceleration"))
 @collective
 def harmonic_response(
     equilibrium: Equilibrium,
-    modes: Sequence[Mode],
+    modes: Modes,
     *,
-    of: Mapping[str, Any],
+    of: Probes,
     frequencies: Sequence[Annotated[float, not_negative("Hz")]] = (),
-    band: Sequence[Annotated[float, not_negative("Hz")]] = (),
+    band: Band = (),
     loads: Sequence[Any] = (),
     base_acceleration: Vector = AT_REST,
     loss_factor: Annotated[float, not_negative()] = 0.0,
@@ -246,14 +257,9 @@ def harmonic_response(
     model = ModalModel(
         equilibrium, modes, loss_factor=loss_factor, damping_ratio=damping_ratio, what=what
     )
-    checked_probes(of, equilibrium.system, what)
-    check(
-        (len(frequencies) > 0) != (len(band) > 0),
-        f"{what}: give either frequencies or a band.",
-    )
     response, translation = _respond(model, loads, base_acceleration, what)
     if len(band):
-        points, _ = _points_and_weights(_cuts(_checked_band(band, what), response))
+        points, _ = _points_and_weights(_cuts(band, response))
     else:
         points = np.asarray(frequencies, dtype=float)
     check(
@@ -280,15 +286,15 @@ def harmonic_response(
     return HarmonicResponse(points, values, ground, state)
 
 
-@check_arguments
+@check_arguments(exactly_one("loads", "base_acceleration"))
 @collective
 def random_response(
     equilibrium: Equilibrium,
-    modes: Sequence[Mode],
+    modes: Modes,
     *,
-    of: Mapping[str, Any],
+    of: Probes,
     density: Density,
-    band: Sequence[Annotated[float, not_negative("Hz")]] = (),
+    band: Band = (),
     loads: Sequence[Any] = (),
     base_acceleration: Vector = AT_REST,
     loss_factor: Annotated[float, not_negative()] = 0.0,
@@ -337,12 +343,9 @@ def random_response(
     model = ModalModel(
         equilibrium, modes, loss_factor=loss_factor, damping_ratio=damping_ratio, what=what
     )
-    checked_probes(of, equilibrium.system, what)
     spectrum = _Spectrum(equilibrium, density, what)
     response, translation = _respond(model, loads, base_acceleration, what)
-    cuts = _cuts(
-        _checked_band(band if len(band) else spectrum.band, what), response, spectrum.corners
-    )
+    cuts = _cuts(band if len(band) else spectrum.band, response, spectrum.corners)
     points, weights = _points_and_weights(cuts)
     G = spectrum(points)
     _warn_of_few_modes(equilibrium, response, float(points[-1]), what)
@@ -376,10 +379,6 @@ def _respond(
 ) -> tuple[ModalResponse, Array]:
     """The response to loads, or to an acceleration of the ground, and this acceleration as a
     translation of all bodies (unknowns of this rank,).  Collective."""
-    check(
-        bool(len(loads)) != any(acceleration),
-        f"{what}: give either loads or a base_acceleration.",
-    )
     translation = model.translation(acceleration)
     forces = model.forces_of(loads) if len(loads) else model.inertia_of(translation)
     return model.response_to(forces), translation
@@ -432,17 +431,8 @@ class _Spectrum:
         return values
 
 
-def _checked_band(band: Sequence[float], what: str) -> tuple[float, float]:
-    """The lowest and highest frequency [Hz] of a band."""
-    check(
-        len(band) == 2 and 0 < band[0] < band[1],
-        f"{what}: band is {tuple(band)!r}; give its lowest and highest frequency, above zero.",
-    )
-    return float(band[0]), float(band[1])
-
-
 def _cuts(
-    band: tuple[float, float], response: ModalResponse, corners: Sequence[float] | Array = ()
+    band: Sequence[float], response: ModalResponse, corners: Sequence[float] | Array = ()
 ) -> Array:
     """Frequencies [Hz] at which a band is cut, so that responses are smooth in each piece."""
     low, high = band

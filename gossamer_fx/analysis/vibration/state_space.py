@@ -37,18 +37,23 @@ import numpy as np
 from scipy.linalg import expm
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.analysis.vibration.modal_model import ModalModel, checked_probes
+from gossamer_fx.analysis.vibration.modal_model import ModalModel
 from gossamer_fx.analysis.vibration.natural_modes import Mode
 from gossamer_fx.core.checks.arguments import (
+    at_least,
     check_arguments,
     collective,
+    ends_in,
     not_negative,
     positive,
 )
 from gossamer_fx.core.checks.errors import check, output_failures
+from gossamer_fx.core.checks.lookups import check_once
+from gossamer_fx.core.checks.relations import some
 from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.laws.law import build_library
 from gossamer_fx.core.model.body import Array, Vector
+from gossamer_fx.records.probes.objective import Objective
 from gossamer_fx.version import VERSION
 
 # The C code of a unit, before which its numbers are defined.
@@ -131,7 +136,7 @@ class StateSpace:
             np.savez(path, **vars(self))
 
     @check_arguments
-    def write_fmu(self, path: str | Path) -> None:
+    def write_fmu(self, path: Annotated[str | Path, ends_in(".fmu")]) -> None:
         """Write a unit for co-simulation, FMI 2.0, for the machine that this runs on; on several
         ranks call it on one.
 
@@ -146,7 +151,6 @@ class StateSpace:
             OutputFailure: the file cannot be written.
         """
         path = Path(path)
-        check(path.suffix == ".fmu", f"StateSpace: '{path}' is to be a unit; let it end in '.fmu'.")
         identifier = "gossamer_" + (re.sub(r"\W", "_", path.stem) or "unit")
         text = self._c_text()
         with tempfile.TemporaryDirectory() as folder:
@@ -216,13 +220,13 @@ class StateSpace:
         return "\n".join(lines)
 
 
-@check_arguments
+@check_arguments(some("loads", "base_acceleration"))
 @collective
 def state_space(
     equilibrium: Equilibrium,
-    modes: Sequence[Mode],
+    modes: Annotated[Sequence[Mode], at_least(1)],
     *,
-    of: Mapping[str, Any],
+    of: Annotated[Mapping[str, Objective], at_least(1)],
     loads: Mapping[str, Sequence[Any]] = {},
     base_acceleration: Mapping[str, Vector] = {},
     loss_factor: Annotated[float, not_negative()] = 0.0,
@@ -265,16 +269,9 @@ def state_space(
     model = ModalModel(
         equilibrium, modes, loss_factor=loss_factor, damping_ratio=damping_ratio, what=what
     )
-    checked_probes(of, equilibrium.system, what)
     inputs = (*loads, *base_acceleration)
-    check(len(inputs) > 0, f"{what}: there is no input; give loads or a base_acceleration.")
     names = [*inputs, *of]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    check(
-        not twice,
-        f"{what}: '{twice[0] if twice else ''}' is the name of two inputs or outputs; give each "
-        "its own.",
-    )
+    check_once(f"{what}: the name", names)
     forces = [model.forces_of(given) for given in loads.values()]
     forces += [model.inertia_of(model.translation(given)) for given in base_acceleration.values()]
     linear = model.linear(np.array(forces).T, list(of.values()))

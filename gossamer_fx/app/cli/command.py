@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from gossamer_fx.core.checks.lookups import check_file
 from gossamer_fx.core.checks.shown import shown
 from gossamer_fx.version import VERSION
 
@@ -631,10 +632,7 @@ def _case(
     from gossamer_fx.records.run.case import Case, all_arguments
 
     path: Path = wanted.scene
-    check(
-        path.is_file(),
-        f"There is no scene file '{path}'; give a Python file with a function build(comm).",
-    )
+    check_file(path, "scene file", "give a Python file with a function build(comm)")
     given = [option(word) for word in wanted.options]
     options = dict(given)
     for name in options:
@@ -684,10 +682,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.core.checks.errors import InputError, check
 
     path: Path = wanted.design
-    check(
-        path.is_file(),
-        f"There is no file '{path}'; give a scene file with --over, or a file with a SWEEP.",
-    )
+    check_file(path, "file", "give a scene file with --over, or a file with a SWEEP")
     check(
         not wanted.list or bool(wanted.over),
         "--list says how the values of --over belong together; give --over NAME=VALUE,VALUE.",

@@ -13,7 +13,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from itertools import cycle, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -28,7 +28,7 @@ from gossamer_fx.analysis.cases.results import (
     values_text,
 )
 from gossamer_fx.app.sweep.run_lines import covering, draw_lines
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import at_least, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import without_round_off
@@ -74,7 +74,7 @@ class Factorial:
     """
 
     outcome: Outcome
-    over: Mapping[str, Sequence[Any]]
+    over: Annotated[Mapping[str, Sequence[Any]], at_least(1)]
     _: KW_ONLY
     listed: bool = False
 
@@ -86,10 +86,6 @@ class Factorial:
                 nor a word, lists have different lengths, two runs are equal, or there are more than
                 10 000 runs.
         """
-        check(callable(self.outcome), f"Factorial: outcome is {self.outcome!r}; give a function.")
-        check(
-            len(self.over) > 0, "Factorial: there is nothing to vary; name a factor and its values."
-        )
         for name, values in self.over.items():
             # Other values could not be written to the files of results, and found in them again.
             is_plain = all(isinstance(value, str | int | float) for value in values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from dolfinx import fem
@@ -123,7 +123,7 @@ class Folding(ABC):
         for line in lines:
             # A fold that is shut has an angle near ±π: the crease has to know from which side it
             # comes.
-            initial_fold = VALLEY if line.angle > 0 else MOUNTAIN
+            initial_fold: Literal[1, -1] = VALLEY if line.angle > 0 else MOUNTAIN
             crease = Crease(
                 film,
                 line.name,

@@ -37,7 +37,14 @@ from dolfinx import fem
 from scipy.spatial import ConvexHull, QhullError
 
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
+from gossamer_fx.core.checks.arguments import (
+    Direction,
+    Range,
+    at_least,
+    check_arguments,
+    not_negative,
+    positive,
+)
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
@@ -491,20 +498,14 @@ class Stow(Group, Sampled):
         (['hinge of flap 1', 'stow contact'], 2)
     """
 
-    film: Membrane | Sequence[Membrane]
+    film: Membrane | Annotated[Sequence[Membrane], at_least(1)]
     _: KW_ONLY
     spacing: Length
     layers: Annotated[int, Range(1)] = 2
-    up: Vector = (0.0, 0.0, 1.0)
+    up: Direction = (0.0, 0.0, 1.0)
     gravity: Annotated[float, positive("m/s²")] = 9.81
     steps: tuple[StowStep, ...] = ()
     name: str = "stow"
-
-    def __post_init__(self) -> None:
-        check(bool(self.films), f"Stow '{self.name}' has no film; give one or more.")
-        check(
-            any(self.up), f"Stow '{self.name}': up is {self.up!r}; give three numbers, not all 0."
-        )
 
     @property
     def films(self) -> tuple[Membrane, ...]:

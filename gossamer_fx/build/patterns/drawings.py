@@ -23,6 +23,7 @@ from scipy.spatial import KDTree
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, are_usual_sizes, check, on_rank_zero
+from gossamer_fx.core.checks.lookups import check_file
 from gossamer_fx.core.checks.strange_files import open_file
 from gossamer_fx.core.mesh.gmsh_reader import TIME_LIMIT, check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, built
@@ -186,7 +187,7 @@ def _read(path: Path, scale: float | None, leave_out: Sequence[str] = ()) -> Dra
     """Read curves and texts of a DXF file, but for those on layers to leave out, scaled to metres,
     by the unit of the drawing if `scale` is None.  `InputError`: the file cannot be read, is not
     DXF or has no unit, or ezdxf is not installed."""
-    check(path.is_file(), f"There is no drawing '{path}'; give the path of a DXF file.")
+    check_file(path, "drawing", "give the path of a DXF file")
     try:
         import ezdxf
     except ImportError:

@@ -13,7 +13,7 @@ from gossamer_fx.build.patterns.flat_panels import Cord, Panels
 from gossamer_fx.build.patterns.flattening import flattened, tensioned
 from gossamer_fx.build.patterns.triangulation import Triangulation
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.mechanics.materials.film import FilmLaw
 
 # Tension [N/m] of a panel, in all directions or along and across it
@@ -112,11 +112,7 @@ class Strips(Sequence[Triangulation]):
         for seam in self.mesh.seams:
             known |= set(seam.names)
         for name in edge_cables or {}:
-            check(
-                name in known,
-                f"Strips.flatten: there is no edge '{name}' for a cable; the edges are: "
-                f"{', '.join(sorted(known))}.",
-            )
+            check_known("Strips.flatten: the pattern", "edge", name, sorted(known))
         film = tensioned(law, (float(n1), float(n2)))
         flat = flattened(self.mesh, film, equal_seams)
         return Panels(self.form, self.mesh, law, film, flat, dict(edge_cables or {}))

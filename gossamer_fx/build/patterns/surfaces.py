@@ -37,7 +37,7 @@ from gossamer_fx.build.patterns.triangulation import (
     rows_of_points,
     sides_of,
 )
-from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.arguments import at_least, check_arguments, ends_in, positive
 from gossamer_fx.core.checks.errors import (
     InputError,
     are_usual_sizes,
@@ -45,6 +45,8 @@ from gossamer_fx.core.checks.errors import (
     on_rank_zero,
     real_numbers,
 )
+from gossamer_fx.core.checks.lookups import check_file
+from gossamer_fx.core.checks.relations import as_many
 from gossamer_fx.core.checks.strange_files import open_file
 from gossamer_fx.core.forms.backend import cell_nodes, geometry_nodes
 from gossamer_fx.core.mesh.enclosed_volume import oriented
@@ -158,7 +160,7 @@ class FormSurface(Triangulation):
         check(len(given) > 1, "FormSurface.along: there is one point; give two or more.")
         return line_through(self, self._neighbours, given)
 
-    @check_arguments
+    @check_arguments(as_many("starts", "ends"))
     def geodesics(self, starts: npt.ArrayLike, ends: npt.ArrayLike) -> list[SeamLine]:
         """The shortest lines on the surface between pairs of points, e.g. for seams.
 
@@ -185,11 +187,6 @@ class FormSurface(Triangulation):
         """
         given = rows_of_points("FormSurface.geodesics", starts)
         given_ends = rows_of_points("FormSurface.geodesics", ends)
-        check(
-            len(given) == len(given_ends),
-            f"FormSurface.geodesics: there are {len(given)} starts and {len(given_ends)} ends; "
-            "give as many.",
-        )
         every = range(len(given))
         near = self._neighbours
         from_points = points_on(self, near, given, "FormSurface.geodesics: start", every)
@@ -210,7 +207,7 @@ class FormSurface(Triangulation):
         return lines
 
     @check_arguments
-    def cut(self, lines: Sequence[SeamLine]) -> Strips:
+    def cut(self, lines: Annotated[Sequence[SeamLine], at_least(1)]) -> Strips:
         """Cut the surface along lines; both sides of a cut have the same points.
 
         Lines may cross each other, and may end inside of the surface.
@@ -228,7 +225,6 @@ class FormSurface(Triangulation):
             >>> [round(strips[k].area, 12) for k in range(len(strips))]
             [0.25, 0.25, 0.5]
         """
-        check(len(lines) > 0, "FormSurface.cut: there are no lines; give one or more.")
         return Strips(self, cut_surface(self, lines))
 
     @cached_property
@@ -361,7 +357,7 @@ def height_surface(
 
 @check_arguments
 def read_surface(
-    path: str | Path,
+    path: Annotated[str | Path, ends_in(".stl", *CAD_FILES)],
     *,
     scale: Annotated[float, positive()] = 1.0,
     size: Annotated[float, positive("m")] | None = None,
@@ -392,11 +388,6 @@ def read_surface(
     file = Path(path)
     ending = file.suffix.lower()
     check(
-        ending in (".stl", *CAD_FILES),
-        f"read_surface: '{file}' ends in '{file.suffix}'; "
-        "give a file that ends in .stl, .step, .stp, .iges, .igs or .brep.",
-    )
-    check(
         ending == ".stl" or size is not None,
         f"read_surface: '{file}' has no triangles; give size, the length of their edges.",
     )
@@ -418,7 +409,7 @@ def read_surface(
         model.mesh.generate(2)
 
     def arrays() -> RawMesh:
-        check(file.is_file(), f"There is no file '{file}'; give the path of a surface.")
+        check_file(file, "file", "give the path of a surface")
         with open_file(file):
             # Refused here, if it is not a file that can be read as a whole.
             pass

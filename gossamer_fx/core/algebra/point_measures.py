@@ -20,7 +20,7 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -28,6 +28,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.block_entries import Numbers, block_entry
 from gossamer_fx.core.algebra.numbering import GlobalIndices, Numbering
+from gossamer_fx.core.checks.arguments import Mark
 from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.model.body import Array, Attached, Body, Ground, Port
 
@@ -83,6 +84,16 @@ def translation_weight(port: Attached) -> float:
     vectors = port.vectors or (0,) * len(port.nodes)
     pairs = zip(port.weights, vectors, strict=True)
     return sum((weight for weight, vector in pairs if vector == 0), 0.0)
+
+
+# The weights of a direction add up to zero: it has no position, and no mass in translation.
+PointPort = Annotated[
+    Port,
+    Mark(
+        lambda port: bool(np.isclose(translation_weight(port), 1.0)),
+        "a point of a body, as film.port('tip')",
+    ),
+]
 
 
 def attach(

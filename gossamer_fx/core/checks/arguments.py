@@ -23,13 +23,13 @@ import os
 import sys
 import types
 import typing
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,7 @@ from gossamer_fx.core.checks.errors import (
     are_usual_sizes,
     real_numbers,
 )
+from gossamer_fx.core.checks.relations import Given, Relation, shown_value
 from gossamer_fx.core.checks.same_on_ranks import refuse_differences
 
 # What messages ask for in place of the name of a class.
@@ -78,9 +79,8 @@ _OTHER_CALLEES = {
     ("Case", "Equilibrium"): "an Equilibrium is at rest and has neither a stepper nor an end; give "
     "it to gossamer_fx.analysis.StaticCase instead",
 }
-_COUNTS = {2: "two", 3: "three", 4: "four"}
+_COUNTS = {1: "one", 2: "two", 3: "three", 4: "four"}
 _CALLABLE: Any = Callable  # compared with the origin of an annotation
-_MAX_SHOWN = 40  # characters of a value in a message
 # Bytes of a path and of a name in it that file systems take.
 MAX_PATH = 4095
 MAX_FILE_NAME = 255
@@ -90,16 +90,30 @@ RECEIVERS = frozenset({"self", "cls"})
 _NOT_COMPARED = RECEIVERS | {"progress"}
 
 
-@dataclass(frozen=True)
-class Count:
-    """Mark of an annotated sequence of numbers that has this number of entries."""
+class Mark:
+    """Mark of an annotated value for which `holds` is true.
 
-    entries: int
+    `sentence` is what messages ask for, where {kind} stands for the words of the type.
+    """
+
+    unit: ClassVar[str] = ""
+
+    def __init__(self, holds: Callable[[Any], bool], sentence: str) -> None:
+        self.contains = holds
+        self._sentence = sentence
+
+    def __repr__(self) -> str:
+        return f"Mark({self._sentence!r})"
+
+    def words(self, kind: str) -> str:
+        """What messages ask for, of a kind, e.g. "a list of numbers"."""
+        return self._sentence.format(kind=kind)
 
 
 @dataclass(frozen=True)
 class Range:
-    """Mark of an annotated number from `low` to `high`; `low` itself is excluded if `above`.
+    """Mark of an annotated number from `low` to `high`; `low` itself is excluded if `above`, `high`
+    if `below`.
 
     The unit is that of the number in messages.
     """
@@ -108,20 +122,32 @@ class Range:
     high: float = math.inf
     unit: str = ""
     above: bool = False
+    below: bool = False
 
     def contains(self, number: float) -> bool:
         """Whether a number is in the range; NaN is not."""
         is_above = number > self.low if self.above else number >= self.low
-        return bool(is_above and number <= self.high)
+        is_below = number < self.high if self.below else number <= self.high
+        return bool(is_above and is_below)
 
     def words(self, kind: str) -> str:
         """What messages ask for, of a kind: "a number" or "a whole number"."""
         if self.high < math.inf:
-            joint = "above {} and up to {}" if self.above else "between {} and {}"
+            joint = "between {} and {}"
+            if self.above or self.below:
+                joint = "above {}" if self.above else "from {}"
+                joint += " and below {}" if self.below else " and up to {}"
             return f"{kind} {joint.format(f'{self.low:g}', f'{self.high:g}')}"
         if kind == "a number" and self.low == 0:
             return "a positive number" if self.above else "zero or a positive number"
         return f"{kind} {'above' if self.above else 'of at least'} {self.low:g}"
+
+    def check(self, what: str, number: float) -> None:
+        """Raise `InputError` unless a number is in the range: one that a user's function has
+        returned, or that is not an argument.  The message begins with `what`."""
+        if not (math.isfinite(number) and self.contains(number)):
+            unit = f" {self.unit}" if self.unit else ""
+            raise InputError(f"{what} is {number!r}{unit}; give {self.words('a number')}.")
 
 
 def positive(unit: str = "") -> Range:
@@ -134,6 +160,62 @@ def not_negative(unit: str = "") -> Range:
     return Range(0.0, unit=unit)
 
 
+def _numbers(count: int) -> str:
+    """So many numbers, in words."""
+    return f"{_COUNTS.get(count, count)} numbers"
+
+
+def Count(entries: int) -> Mark:
+    """Mark of an annotated sequence of numbers that has this number of entries."""
+    return Mark(lambda value: len(value) == entries, _numbers(entries))
+
+
+def at_least(entries: int) -> Mark:
+    """Mark of an annotated list or mapping that has this number of entries or more."""
+    words = "{kind}, " + f"{_COUNTS.get(entries, entries)} or more"
+    return Mark(lambda value: len(value) >= entries, words)
+
+
+def ends_in(*endings: str) -> Mark:
+    """Mark of an annotated path whose name ends in one of these, e.g. ".png"."""
+    words = f"a name that ends in {' or '.join(endings)}"
+    return Mark(lambda path: Path(os.fspath(path)).suffix.lower() in endings, words)
+
+
+class EntryMark(Mark):
+    """Mark of an annotated list whose entries all fit: `fits` returns one truth value for each
+    entry, or for each but the first.  Messages name the first entry that does not."""
+
+    def __init__(self, fits: Callable[[Any], Any], sentence: str) -> None:
+        super().__init__(lambda value: bool(np.all(fits(np.asarray(value)))), sentence)
+        self._fits = fits
+
+    def flaw(self, value: Any) -> str:
+        """What is wrong with a value, for a message."""
+        fits = np.atleast_1d(self._fits(np.asarray(value)))
+        number = int(np.argmin(fits)) + 1 + (np.size(value) - len(fits))
+        return f", whose number {number} does not fit"
+
+
+NOT_ZERO = Mark(lambda value: bool(np.any(value)), "{kind}, not all zero")
+POSITIVE = EntryMark(lambda value: value > 0, "{kind}, all of them positive")
+NOT_NEGATIVE = EntryMark(lambda value: value >= 0, "{kind}, none of them negative")
+RISING = EntryMark(lambda value: np.diff(value) > 0, "{kind}, in rising order")
+NOT_FALLING = EntryMark(lambda value: np.diff(value) >= 0, "{kind}, which do not fall")
+DISTINCT = Mark(lambda value: len(set(value)) == len(value), "{kind}, all of them different")
+SAME_LENGTH = Mark(lambda columns: len(columns[0]) == len(columns[1]), "{kind}, as many of both")
+FLAT = Mark(lambda value: np.ndim(value) == 1, "a list of numbers")
+# The lowest and the highest of some frequencies [Hz].
+Band = Annotated[Sequence[Annotated[float, positive("Hz")]], Count(2), RISING]
+# A column of numbers, and two of a curve.
+Column = Annotated[Sequence[float] | npt.NDArray[np.floating], FLAT]
+Curve = Annotated[
+    tuple[Annotated[Column, at_least(2), RISING], Annotated[Column, NOT_FALLING]], SAME_LENGTH
+]
+# A vector whose length does not count.
+Direction = Annotated[Sequence[float], Count(3), NOT_ZERO]
+
+
 @dataclass(frozen=True)
 class Kind:
     """What an annotation allows: a test of values, and the words of a message that asks for one,
@@ -142,34 +224,57 @@ class Kind:
     accepts: Callable[[Any], bool]
     words: str
     unit: str = ""
+    # What is wrong with a value, if more can be said than that it is.
+    flaw: Callable[[Any], str] = lambda value: ""
 
 
-def check_arguments[T: Callable[..., Any]](thing: T) -> T:
+@overload
+def check_arguments[T: Callable[..., Any]](thing: T, /) -> T: ...
+
+
+@overload
+def check_arguments[T: Callable[..., Any]](*relations: Relation) -> Callable[[T], T]: ...
+
+
+def check_arguments(*given: Any) -> Any:
     """Let a class or function check its arguments when it is called, before it acts; a decorator.
 
     Of a class the arguments of its constructor are checked, and the run that its objects are called
     with, if they are probes.  A subclass with another constructor needs the decorator, too.  All
     arguments have annotations.  One that is missing, unknown, or not of the type and in the range
-    of its annotation raises `InputError`.
+    of its annotation raises `InputError`.  So do arguments that do not fit together by the given
+    relations, which subclasses with the same arguments inherit.
 
     Example:
         >>> from gossamer_fx.core.checks.arguments import check_arguments
-        >>> @check_arguments
-        ... def area(width: float, height: float = 1.0) -> float:
-        ...     return width * height
-        >>> area("wide")
+        >>> from gossamer_fx.core.checks.relations import at_most_one
+        >>> @check_arguments(at_most_one("R", "d"))
+        ... def rod(length: float, R: float | None = None, d: float | None = None) -> None: ...
+        >>> rod("long")
         Traceback (most recent call last):
-        gossamer_fx.core.checks.errors.InputError: area: width is 'wide'; give a number.
+        gossamer_fx.core.checks.errors.InputError: rod: length is 'long'; give a number.
+        >>> rod(1.0, R=0.1, d=0.2)
+        Traceback (most recent call last):
+        gossamer_fx.core.checks.errors.InputError: rod: R and d are both given; give one of them.
     """
-    if isinstance(thing, type):
-        thing.__init__ = _checking(thing.__init__, thing)  # type: ignore[misc]
-        call = next(
-            (vars(base)["__call__"] for base in thing.__mro__ if "__call__" in vars(base)), None
-        )
-        if call is not None and "run" in call.__annotations__:
-            thing.__call__ = _reading_a_run(call)  # type: ignore[method-assign]
-        return typing.cast(T, thing)
-    return typing.cast(T, _checking(thing))
+    if given and not isinstance(given[0], Relation):
+        return _decorated(given[0], ())
+    return lambda thing: _decorated(thing, given)
+
+
+def _decorated(thing: Any, relations: tuple[Relation, ...]) -> Any:
+    """A class or function that checks its arguments."""
+    if not isinstance(thing, type):
+        return _checking(thing, relations=relations)
+    checked: Any = thing
+    checked.argument_relations = (*getattr(thing, "argument_relations", ()), *relations)
+    checked.__init__ = _checking(checked.__init__, thing, relations=checked.argument_relations)
+    call = next(
+        (vars(base)["__call__"] for base in thing.__mro__ if "__call__" in vars(base)), None
+    )
+    if call is not None and "run" in call.__annotations__:
+        checked.__call__ = _reading_a_run(call)
+    return thing
 
 
 def collective[T: Callable[..., Any]](function: T) -> T:
@@ -180,10 +285,13 @@ def collective[T: Callable[..., Any]](function: T) -> T:
     return function
 
 
-def _checking(function: Callable[..., Any], owner: type | None = None) -> Callable[..., Any]:
+def _checking(
+    function: Callable[..., Any], owner: type | None = None, *, relations: tuple[Relation, ...]
+) -> Callable[..., Any]:
     """Wrap a function, or the constructor of the class `owner`, so that a call whose arguments are
-    missing, unknown or not of the types in its signature raises `InputError`, with one sentence
-    that names the argument, its value and what to give.  Defaults are not checked."""
+    missing, unknown, not of the types in its signature or not in the relations raises `InputError`,
+    with one sentence that names the argument, its value and what to give.  Defaults are not
+    checked."""
 
     # Signature and annotations are looked at in the first call: most of the classes that a scene
     # imports are never called, and an annotation may name a class that is defined further below.
@@ -234,8 +342,15 @@ def _checking(function: Callable[..., Any], owner: type | None = None) -> Callab
                     continue
                 unit = f" {allowed.unit}" if allowed.unit and isinstance(one, Real) else ""
                 raise InputError(
-                    f"{name}: {label} is {_shown(one)}{unit}; give {allowed.words}{_size(one)}."
+                    f"{name}: {label} is {shown_value(one)}{unit}{allowed.flaw(one)}; "
+                    f"give {allowed.words}{_size(one)}."
                 )
+        for relation in relations:
+            # A constructor may have other arguments than that of the base with the relation.
+            if signature().parameters.keys() >= relation.arguments:
+                complaint = relation.complaint(Given(bound))
+                if complaint:
+                    raise InputError(f"{name}: {complaint}.")
         if getattr(function, "is_collective", False):
             comm = next(value.comm for value in given.values() if hasattr(value, "comm"))
             values = {key: one for key, one in given.items() if key not in _NOT_COMPARED}
@@ -253,7 +368,7 @@ def _reading_a_run(probe: Callable[[Any, Any], float]) -> Callable[[Any, Any], f
     def call(self: Any, run: Any) -> float:
         if not hasattr(run, "system"):
             raise InputError(
-                f"{type(self).__name__}: run is {_shown(run)}; give {_DESCRIPTIONS['State']}."
+                f"{type(self).__name__}: run is {shown_value(run)}; give {_DESCRIPTIONS['State']}."
             )
         return probe(self, run)
 
@@ -391,7 +506,7 @@ def kind_of(hint: Any) -> Kind | None:
         return _union(arguments)
     if origin is typing.Literal:
         words = " or ".join(repr(value) for value in arguments)
-        return Kind(lambda value: isinstance(value, str | int) and value in arguments, words)
+        return Kind(lambda value: isinstance(value, str | Integral) and value in arguments, words)
     if origin is tuple and arguments[-1] is not Ellipsis:
         return _tuple(arguments)
     if origin is not None and inspect.isclass(origin):
@@ -405,28 +520,25 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
     """The test of values of an `Annotated` type, which marks may limit."""
     kind = kind_of(hint)
     for mark in marks:
-        if kind is not None and isinstance(mark, Count | Range):
+        if kind is not None and isinstance(mark, Mark | Range):
             kind = _marked(kind, mark)
     return kind
 
 
-def _marked(kind: Kind, mark: Count | Range) -> Kind:
+def _marked(kind: Kind, mark: Mark | Range) -> Kind:
     """The test of a kind, limited by a mark as well."""
-    if isinstance(mark, Range):
-        return Kind(
-            lambda value: kind.accepts(value) and mark.contains(value),
-            mark.words(kind.words),
-            mark.unit,
-        )
+
+    def flaw(value: Any) -> str:
+        if isinstance(mark, EntryMark) and kind.accepts(value):
+            return mark.flaw(value)
+        return kind.flaw(value)
+
     return Kind(
-        lambda value: kind.accepts(value) and len(value) == mark.entries,
-        _numbers(mark.entries),
+        lambda value: kind.accepts(value) and mark.contains(value),
+        mark.words(kind.words),
+        mark.unit,
+        flaw,
     )
-
-
-def _numbers(count: int) -> str:
-    """So many numbers, in words."""
-    return f"{_COUNTS.get(count, count)} numbers"
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
@@ -460,10 +572,18 @@ def _tuple(hints: tuple[Any, ...]) -> Kind:
         pairs = zip(kinds, value, strict=True)
         return all(kind is None or kind.accepts(one) for kind, one in pairs)
 
+    def flaw(value: Any) -> str:
+        if not _is_collection(value):
+            return ""
+        pairs = zip(kinds, value, strict=False)
+        return next((k.flaw(one) for k, one in pairs if k is not None and not k.accepts(one)), "")
+
     if all(hint is float for hint in hints):
         return Kind(accepts, _numbers(len(kinds)))
     each = [kind.words for kind in kinds if kind is not None]
-    return Kind(accepts, f"a tuple of {' and '.join(each)}")
+    if all(get_origin(hint) is Annotated and get_args(hint)[0] is float for hint in hints):
+        return Kind(accepts, f"{_numbers(len(kinds))}, each {' and '.join(dict.fromkeys(each))}")
+    return Kind(accepts, f"a tuple of {' and '.join(each)}", flaw=flaw)
 
 
 def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
@@ -628,16 +748,3 @@ _SIMPLE: dict[Any, Kind] = {
     typing.IO[str]: Kind(lambda value: hasattr(value, "write"), "an open file"),
     Callable: Kind(callable, "a function"),
 }
-
-
-def _shown(value: Any) -> str:
-    """A value as a message shows it: itself if that is short, else its class."""
-    text = repr(value)
-    # The end of a path is the name of the file.
-    if isinstance(value, str | PathLike) and len(text) > _MAX_SHOWN:
-        return f"'...{os.fspath(value)[-_MAX_SHOWN:]}'"
-    # Objects show in angle brackets what they contain, which is not what is wrong with them.
-    is_object = text.startswith("<")
-    if "\n" in text or len(text) > _MAX_SHOWN or is_object or " object at " in text:
-        return f"of the kind {type(value).__name__}"
-    return text

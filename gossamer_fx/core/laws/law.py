@@ -42,7 +42,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.checks.errors import on_rank_zero
+from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.core.forms.c_source import HASH_DIGITS
 from gossamer_fx.core.forms.compilation import kernel_options, private_cache, require_compiler
 from gossamer_fx.core.laws.c_text import c_text
@@ -346,10 +347,7 @@ def compile_law(
     """
     found = tuple(names) or tuple(inspect.signature(law).parameters)
     for name in by:
-        check(
-            name in found,
-            f"A law is derived by '{name}', which is none of its arguments {found}; give one.",
-        )
+        check_known("A law", "argument", name, found)
     inputs = inputs_of(len(found))
     columns = [found.index(name) for name in by]
     slopes = [found.index(name) for name in slopes_by]

@@ -16,8 +16,9 @@ from dolfinx.graph import adjacencylist
 from dolfinx.io import distribute_entity_data
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.arguments import Direction, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.core.checks.lookups import check_file, check_known
 from gossamer_fx.core.forms.backend import (
     SHEETS_MAY_MEET,
     VERSION,
@@ -123,11 +124,7 @@ class Mesh:
         Raises:
             InputError: the mesh has no group of this name; the message lists its groups.
         """
-        known = ", ".join(sorted(self.groups)) or "none"
-        check(
-            name in self.groups,
-            f"{user}: the mesh has no group '{name}'; its groups are: {known}.",
-        )
+        check_known(f"{user}: the mesh", "group", name, sorted(self.groups))
         dim, entities = self.groups[name]
         check(
             dim in range(self.domain.topology.dim + 1),
@@ -171,8 +168,8 @@ class Mesh:
         self,
         *,
         to: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        x: tuple[float, float, float] = (1.0, 0.0, 0.0),
-        y: tuple[float, float, float] = (0.0, 1.0, 0.0),
+        x: Direction = (1.0, 0.0, 0.0),
+        y: Direction = (0.0, 1.0, 0.0),
     ) -> Mesh:
         """The mesh, shifted and turned as a rigid body, with the same groups.  Collective.
 
@@ -196,10 +193,6 @@ class Mesh:
             3.0
         """
         lengths = np.linalg.norm([x, y], axis=1)
-        check(
-            bool(lengths.all()),
-            f"moved: x and y must be directions that are not zero, got {x} and {y}.",
-        )
         first, second = np.array([x, y]) / lengths[:, None]
         cosine = float(first @ second)
         angle = float(np.degrees(np.arccos(cosine)))
@@ -251,10 +244,7 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
     """
 
     def read() -> RawMesh:
-        check(
-            Path(path).is_file(),
-            f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).",
-        )
+        check_file(path, "mesh file", "give the path of a gmsh file (.msh)")
         try:
             return _oriented_if(orient, read_file(Path(path)))
         except BadMesh as error:

@@ -17,7 +17,7 @@ from dolfinx import fem
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import Count, check_arguments
+from gossamer_fx.core.checks.arguments import Count, Mark, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.item import Item
 
@@ -95,6 +95,10 @@ def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
         isinstance(body, MeshBody)
         and body.block.index_map.size_global == body.space.dofmap.index_map.size_global
     )
+
+
+WITH_NODES = Mark(has_nodal_unknowns, "a film, cable or beam, not a reduced film")
+NodalBody = Annotated[MeshBody, WITH_NODES]
 
 
 @check_arguments

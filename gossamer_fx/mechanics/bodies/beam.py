@@ -15,6 +15,7 @@ from mpi4py import MPI
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError
+from gossamer_fx.core.checks.relations import at_most_one
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr, beam_strain, beam_strain_change
 from gossamer_fx.core.mesh.mesh import Mesh
@@ -41,7 +42,7 @@ PARALLEL = 1e-6
 AXES: tuple[Vector, ...] = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
-@check_arguments
+@check_arguments(at_most_one("initial_strain", "initial_tension"))
 class Beam(Curve):
     """A shear-deformable beam in the coordinates (x, d2, d3): 9 numbers a node, quadratic elements.
 

@@ -12,8 +12,9 @@ import numpy as np
 import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.relations import at_most_one
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, bar_strain, line_derivative
 from gossamer_fx.core.forms.strain_path import Piece, energy_gradient, mean_of_positive_part
@@ -23,7 +24,6 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import (
     Numbers,
-    check_one_given,
     check_strain,
     line_numbers,
     stored_energy,
@@ -187,7 +187,6 @@ class Curve(Meshed):
         # A restart compares these arguments, see `outputs.output`.
         self._initial_tension = tension
         self._initial_strain = strain
-        check_one_given(self.name, strain, tension, "initial_tension")
         if strain is not None:
             what = f"'{self.name}': its initial_strain"
             self.constants.initial_strain = line_numbers(self.mesh, strain, what)
@@ -229,7 +228,7 @@ class Curve(Meshed):
         return ufl.as_vector([axial] + [0 * ΔT] * (self.strains - 1))
 
 
-@check_arguments
+@check_arguments(at_most_one("length_factor", "initial_tension", "initial_strain"))
 class Cable(Curve):
     """A cable whose stress-free shape is the mesh, unless it is prestressed or shortened.
 
@@ -269,7 +268,7 @@ class Cable(Curve):
         mesh: Mesh | DolfinxMesh,
         law: BarLaw,
         *,
-        order: int = 1,
+        order: Annotated[int, Range(1, 2)] = 1,
         thermal: ThermalExpansion | None = None,
         length_factor: Annotated[float, positive()] = 1.0,
         initial_tension: Numbers | None = None,
@@ -278,7 +277,6 @@ class Cable(Curve):
         velocity: PointFunction | None = None,
         name: str = "cable",
     ) -> None:
-        check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
         check(
             not law.has_history,
             f"Cable '{name}': its law has an unloading curve, whose history only a Tape has; "
@@ -296,11 +294,6 @@ class Cable(Curve):
             initial_tension is None or isinstance(law, CableLaw),
             f"'{name}': its initial_tension is given, "
             f"but {type(law).__name__} does not say which strain has it; give initial_strain.",
-        )
-        check(
-            length_factor == 1 or (initial_tension is None and initial_strain is None),
-            f"Cable '{name}': length_factor and prestress are both given, "
-            "and both say how long the cable is without stress; give one of them.",
         )
         self._take_prestress(initial_tension, initial_strain)
         tensions = np.zeros(0)

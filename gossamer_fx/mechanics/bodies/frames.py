@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from operator import methodcaller
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from dolfinx.common import IndexMap
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Mark, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import (
     Array,
@@ -112,6 +112,23 @@ class Line:
 
     origin: Attached
     directors: tuple[Attached, ...]
+
+
+# Frames that turn with what they are fixed to, and those with all three axes.
+TurningFrame = Annotated[
+    Frame,
+    Mark(
+        lambda frame: len(frame.directors) >= 2,
+        "the frame of a rigid body, a beam, or a patch of a film",
+    ),
+]
+FullFrame = Annotated[
+    Frame,
+    Mark(
+        lambda frame: len(frame.directors) == 3,
+        "a frame with three directors, as that of a rigid body",
+    ),
+]
 
 
 @check_arguments
@@ -283,14 +300,6 @@ def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:
         for vector in vectors:
             if isinstance(vector, Port):
                 yield vector.body
-
-
-def check_axis(joint: Any) -> None:
-    """Raise `InputError` if the axis of a joint, or of what acts about one, has no length."""
-    check(
-        any(joint.axis),
-        f"{type(joint).__name__} '{joint.name}': axis has no length; give its direction.",
-    )
 
 
 @dataclass(frozen=True, eq=False)

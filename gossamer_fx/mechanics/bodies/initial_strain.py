@@ -76,14 +76,6 @@ def stored_energy(
     )
 
 
-def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> None:
-    """Refuse an initial strain in addition to an initial stress or tension."""
-    check(
-        strain is None or stress is None,
-        f"'{name}': initial_strain and {stress_name} are both given; give one of them.",
-    )
-
-
 # ---- films ---------------------------------------------------------------------------------------
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import ufl
@@ -12,8 +12,9 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 from dolfinx.mesh import meshtags
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Mark, Range, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import at_most_one
 from gossamer_fx.core.forms.backend import geometry_element
 from gossamer_fx.core.forms.kinematics import (
     Expr,
@@ -30,7 +31,6 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import (
     Tensors,
-    check_one_given,
     check_strain,
     check_stress,
     film_tensors,
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
 
 
-@check_arguments
+@check_arguments(at_most_one("initial_strain", "initial_stress", "initial_tension"))
 class Membrane(Meshed):
     """A film whose stress-free shape is the mesh, unless it is prestressed.
 
@@ -98,7 +98,7 @@ class Membrane(Meshed):
         mesh: Mesh | DolfinxMesh,
         law: FilmLaw,
         *,
-        order: int = 1,
+        order: Annotated[int, Range(1, 2)] = 1,
         properties: Mapping[str, Property] | None = None,
         thermal: ThermalExpansion | None = None,
         initial_stress: Tensors = None,
@@ -108,7 +108,6 @@ class Membrane(Meshed):
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
-        check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
         self._take_mesh(name, mesh, order, size=3, dim=2)
         domain = self.mesh.domain
         mesh_order = geometry_element(domain).degree
@@ -161,18 +160,12 @@ class Membrane(Meshed):
     def _prestress(self) -> None:
         """Add the initial stress [Pa] or strain to the constants of the film, as a tensor (3, 3) in
         each cell.  Collective."""
-        check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
         if self._initial_strain is not None:
             what = f"'{self.name}': its initial_strain"
             strains = film_tensors(self.mesh, self._initial_strain, what)
             check_strain(self.mesh, strains, what)
             self.constants.initial_strain = strains
         tension = self._initial_tension
-        check_one_given(self.name, self._initial_strain, tension, "initial_tension")
-        check(
-            tension is None or self._initial_stress is None,
-            f"'{self.name}': initial_stress and initial_tension are both given; give one of them.",
-        )
         if self._initial_stress is not None or tension is not None:
             what = f"'{self.name}': its initial_stress"
             given = self._initial_stress
@@ -287,3 +280,6 @@ def edge_measure(film: Membrane, kind: str, edges: Indices, degree: int) -> ufl.
     tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
     metadata = {"quadrature_degree": degree}
     return ufl.Measure(kind, domain, subdomain_data=tags, metadata=metadata)(1)
+
+
+FullFilm = Annotated[Membrane, Mark(lambda film: film.full is film, "the film that was reduced")]

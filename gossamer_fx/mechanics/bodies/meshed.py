@@ -180,10 +180,6 @@ def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> P
 def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) -> PointFunction:
     """The function, with a check on all ranks of what it returns; each rank calls it with its own
     points.  `what` is the subject of the messages."""
-    check(
-        callable(function),
-        f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).",
-    )
 
     return lambda points: ask_points(comm, what, lambda: function(points), points.shape)
 

@@ -25,11 +25,10 @@ Nothing is divided by a small difference.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +36,16 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import (
+    NOT_FALLING,
+    RISING,
+    Column,
+    Curve,
+    at_least,
+    check_arguments,
+)
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import as_many
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece, mean_of_positive_part
@@ -61,7 +68,7 @@ ZERO_FORCE = 1e-9
 SLACK_FORCE = 2e-3
 
 
-@check_arguments
+@check_arguments(as_many("strain", "force"))
 @dataclass(frozen=True)
 class TabulatedCable(BarLaw):
     """A bar whose force is piecewise linear between measured points (strain, force).
@@ -101,11 +108,11 @@ class TabulatedCable(BarLaw):
         [0.0, 50.0, 300.0]
     """
 
-    strain: Sequence[float] | Array
-    force: Sequence[float] | Array
+    strain: Annotated[Column, at_least(2), RISING]
+    force: Annotated[Column, NOT_FALLING]
     _: KW_ONLY
     line_density: LineDensity
-    unloading: tuple[Sequence[float] | Array, Sequence[float] | Array] | None = None
+    unloading: Curve | None = None
     unloading_rule: Literal["moved", "scaled"] = "moved"
 
     def __post_init__(self) -> None:
@@ -215,26 +222,9 @@ def _check_table(strain: Array, force: Array) -> None:
     (n,), rising from at most zero and above -1 to a positive one, and forces [N] (n,) that do not
     fall, are zero at zero strain and positive from there on."""
     check(
-        strain.ndim == 1 and strain.shape == force.shape and len(strain) >= 2,
-        f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; "
-        "give two columns of equal length with two points or more.",
-    )
-    bad = np.flatnonzero(np.diff(strain) <= 0)
-    check(
-        not len(bad),
-        f"TabulatedCable: the strains do not rise from point {_first(bad)} to the next; "
-        "sort the points and leave out repeated strains.",
-    )
-    check(
         strain[0] > -1 and strain[0] <= 0 < strain[-1],
         f"TabulatedCable: the strains go from {strain[0]:g} to {strain[-1]:g}; "
         "begin at zero or between -1 and zero, and end in tension.",
-    )
-    falls = np.flatnonzero(np.diff(force) < 0)
-    check(
-        not len(falls),
-        f"TabulatedCable: the force falls from point {_first(falls)} to the next; "
-        "give forces that do not fall with the strain.",
     )
     at_rest = float(np.interp(0.0, strain, force))
     largest = float(np.abs(force).max())

@@ -8,11 +8,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes, geometry_element, geometry_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
@@ -30,8 +30,8 @@ from gossamer_fx.mechanics.connectors.crease_energies import (
 )
 
 # Signs of the angle of a fold.
-VALLEY = 1
-MOUNTAIN = -1
+VALLEY: Final = 1
+MOUNTAIN: Final = -1
 
 # Corners of the reference triangle.
 _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -88,23 +88,13 @@ class Crease(OnBody):
     edges: str
     _: KW_ONLY
     stiffness: Annotated[float, positive("N m/m/rad")]
-    rest_angle: float = 0.0
+    rest_angle: Annotated[float, Range(-math.pi, math.pi, "rad")] = 0.0
     yield_angle: Annotated[float, positive("rad")] | None = None
-    initial_fold: int | None = None
+    initial_fold: Literal[1, -1] | None = None
     name: str = "crease"
 
     def __post_init__(self) -> None:
         who = f"Crease '{self.name}'"
-        check(
-            abs(self.rest_angle) <= math.pi,
-            f"{who}: rest_angle is {self.rest_angle!r} rad; "
-            "stay within half a turn, between -π and π.",
-        )
-        check(
-            self.initial_fold in (None, VALLEY, MOUNTAIN),
-            f"{who}: initial_fold is {self.initial_fold!r}; "
-            "give 1 for a valley fold, -1 for a mountain fold, or None.",
-        )
         check(
             geometry_element(self.body.space.mesh).degree == 1,
             f"{who}: the triangles of '{self.body.name}' are curved; "

@@ -8,9 +8,17 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.algebra.point_measures import PointMeasure, translation_weight
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.algebra.point_measures import PointMeasure, PointPort
+from gossamer_fx.core.checks.arguments import (
+    Direction,
+    Mark,
+    at_least,
+    check_arguments,
+    not_negative,
+    positive,
+)
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import as_many, exactly_one
 from gossamer_fx.core.laws.tracing import Number, at_most
 from gossamer_fx.core.model.body import Attached, Port, unit
 from gossamer_fx.core.model.item import Item
@@ -31,6 +39,8 @@ DAMPING = Parameter("damping", "N s/m", "c")
 
 Stiffness = Annotated[float, positive("N/m")]
 Length = Annotated[float, positive("m")]
+# Two points that are not both of the ground.
+MOVES = Mark(lambda ends: any(bodies_of(*ends)), "two points, at least one of them of a body")
 LengthOrZero = Annotated[float, not_negative("m")]
 Damping = Annotated[float, positive("N s/m")]
 DampingOrZero = Annotated[float, not_negative("N s/m")]
@@ -132,17 +142,6 @@ def natural_length(
     return length
 
 
-def check_length_or_tension(connector: Any) -> None:
-    """Raise `InputError` unless a connector has either a length or a tension at the start."""
-    length = connector.length
-    tension = connector.initial_tension
-    check(
-        (length is None) != (tension is None),
-        f"{type(connector).__name__} '{connector.name}': length is {length} and initial_tension is "
-        f"{tension}; give one of them.",
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class LengthConnector(Between):
     """A stiffness between two points, by its `law` in both directions or one."""
@@ -166,6 +165,7 @@ class LengthConnector(Between):
         return self.length
 
 
+@check_arguments(exactly_one("length", "initial_tension"))
 @dataclass(frozen=True, eq=False)
 class TensionedConnector(LengthConnector):
     """A connector that may have a tension at the start of the scene in place of a length."""
@@ -173,10 +173,6 @@ class TensionedConnector(LengthConnector):
     _: KW_ONLY
     length: LengthOrZero | None = None
     initial_tension: float | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_length_or_tension(self)
 
     def natural_length(self, start: State) -> float:
         if self.initial_tension is None:
@@ -376,16 +372,9 @@ class AxialSpring(Item):
     port: Port
     stiffness: Stiffness
     _: KW_ONLY
-    direction: tuple[float, float, float]
+    direction: Direction
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = "spring"
-
-    def __post_init__(self) -> None:
-        check(
-            any(self.direction),
-            f"AxialSpring '{self.name}': direction is {self.direction!r}; "
-            "give its axis, of any length but zero.",
-        )
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body
@@ -398,7 +387,7 @@ class AxialSpring(Item):
         yield Rows(self.name, measure, quadratic, {"k": self.stiffness}, (STIFFNESS,))
 
 
-@check_arguments
+@check_arguments(exactly_one("lengths", "initial_tension"), as_many("ends", "lengths"))
 @dataclass(frozen=True, eq=False)
 class RopeBundle(DrawnAsLines):
     """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the
@@ -425,32 +414,13 @@ class RopeBundle(DrawnAsLines):
         [1.2, 1.2]
     """
 
-    ends: Sequence[tuple[Attached, Attached]]
+    ends: Annotated[Sequence[Annotated[tuple[Attached, Attached], MOVES]], at_least(1)]
     _: KW_ONLY
     stiffness: Stiffness
     lengths: Sequence[Length] = ()
     initial_tension: Annotated[float, not_negative("N")] | None = None
     damping: DampingOrZero = 0.0
     name: str = "ropes"
-
-    def __post_init__(self) -> None:
-        check(
-            (len(self.lengths) > 0) != (self.initial_tension is not None),
-            f"RopeBundle '{self.name}': it has {len(self.lengths)} lengths and initial_tension is "
-            f"{self.initial_tension}; give one of them.",
-        )
-        check(
-            bool(len(self.ends))
-            and (self.initial_tension is not None or len(self.ends) == len(self.lengths)),
-            f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; "
-            "give as many of both, and at least one.",
-        )
-        for k, pair in enumerate(self.ends):
-            check(
-                bool(list(bodies_of(*pair))),
-                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; "
-                "give a port of a body.",
-            )
 
     def requires(self) -> Iterable[Any]:
         for pair in self.ends:
@@ -509,18 +479,10 @@ class AttachedMass(Item):
         0.5
     """
 
-    port: Port
+    port: PointPort
     mass: Annotated[float, positive("kg")]
     _: KW_ONLY
     name: str = "attached mass"
-
-    def __post_init__(self) -> None:
-        # The weights of a direction add up to zero: it would have no mass in translation.
-        check(
-            bool(np.isclose(translation_weight(self.port), 1.0)),
-            f"AttachedMass '{self.name}': its port is not a point of a body; "
-            "give one, as film.port('tip').",
-        )
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import pairwise
@@ -12,11 +11,19 @@ from typing import Annotated, Any
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative
+from gossamer_fx.core.checks.arguments import (
+    Column,
+    Range,
+    at_least,
+    check_arguments,
+    not_negative,
+    positive,
+)
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import as_many
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.laws.tracing import Number
-from gossamer_fx.core.model.body import Array, Attached, Port, combine
+from gossamer_fx.core.model.body import Attached, Port, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import MeasuresMesh, OnBody, Parameter, Term
 from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
@@ -111,7 +118,7 @@ def _cut(law: RowLaw, e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Res
     return replace(response, stress=[stress / numbers.length_scale**2])
 
 
-@check_arguments
+@check_arguments(as_many("bars", "lengths"))
 @dataclass(frozen=True, eq=False)
 class Tape(OnBody, DrawnAsLines):
     """Bars along a line of a film, each between two points of it that move with the film.
@@ -139,7 +146,7 @@ class Tape(OnBody, DrawnAsLines):
     law: BarLaw
     _: KW_ONLY
     bars: Sequence[tuple[Port, Port]]
-    lengths: Sequence[float] | Array
+    lengths: Column
     name: str = "tape"
 
     @staticmethod
@@ -149,7 +156,7 @@ class Tape(OnBody, DrawnAsLines):
         law: BarLaw,
         *,
         edges: str,
-        length_factor: float = 1.0,
+        length_factor: Annotated[float, positive()] = 1.0,
         initial_tension: Tension = 0.0,
         name: str = "tape",
     ) -> Tape:
@@ -169,10 +176,6 @@ class Tape(OnBody, DrawnAsLines):
             InputError: both are given, the factor is not positive, the mesh has no such group of
                 curves, or the group has no edges.
         """
-        check(
-            0 < length_factor < math.inf,
-            f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
-        )
         length_factor = _factor(law, length_factor, initial_tension, name)
         table = body.mesh.edges
         space = body.space
@@ -222,9 +225,9 @@ class Tape(OnBody, DrawnAsLines):
         body: Membrane,
         law: BarLaw,
         *,
-        points: Sequence[Sequence[float]],
-        bars_per_segment: int,
-        length_factor: float = 1.0,
+        points: Annotated[Sequence[Sequence[float]], at_least(2)],
+        bars_per_segment: Annotated[int, Range(1)],
+        length_factor: Annotated[float, positive()] = 1.0,
         initial_tension: Tension = 0.0,
         name: str = "tape",
     ) -> Tape:
@@ -244,14 +247,6 @@ class Tape(OnBody, DrawnAsLines):
             InputError: both are given, the factor is not positive, there are fewer than two points
                 or no bars, or the line leaves the mesh.
         """
-        check(
-            0 < length_factor < math.inf,
-            f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
-        )
-        check(
-            len(points) >= 2 and bars_per_segment >= 1,
-            f"Tape '{name}' needs two points and one bar at least; give more.",
-        )
         length_factor = _factor(law, length_factor, initial_tension, name)
         corners = np.asarray(points, dtype=float)
         steps = np.arange(bars_per_segment * (len(corners) - 1) + 1) / bars_per_segment
@@ -268,11 +263,6 @@ class Tape(OnBody, DrawnAsLines):
             len(self.bars) > 0 and bool((lengths > 0).all()),
             f"Tape '{self.name}' has no bars, or one without length; "
             "give a line of different points.",
-        )
-        check(
-            lengths.shape == (len(self.bars),),
-            f"Tape '{self.name}' has {len(self.bars)} bars and lengths of shape {lengths.shape}; "
-            "give one each.",
         )
 
     @property

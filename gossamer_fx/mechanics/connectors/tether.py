@@ -21,6 +21,7 @@ from typing import Annotated, Any
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import InputError, check, check_positive
+from gossamer_fx.core.checks.relations import exactly_one, rising
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.core.model.body import Port
@@ -31,7 +32,6 @@ from gossamer_fx.mechanics.connectors.spring import (
     LENGTH,
     STIFFNESS,
     Stiffness,
-    check_length_or_tension,
     half_distance_squared,
     length_of,
     natural_length,
@@ -88,7 +88,7 @@ def braked_rope(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
     )
 
 
-@check_arguments
+@check_arguments(exactly_one("length", "initial_tension"), rising("initial_tension", "brake_force"))
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tether(LineBetween):
     """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L,
@@ -133,7 +133,6 @@ class Tether(LineBetween):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_length_or_tension(self)
         if callable(self.length):
             check(
                 self.brake_force is None,
@@ -147,11 +146,6 @@ class Tether(LineBetween):
         )
         check_positive(self, "brake_force", "N")
         assert self.brake_force is not None
-        check(
-            self.initial_tension is None or self.initial_tension <= self.brake_force,
-            f"Tether '{self.name}': initial_tension is {self.initial_tension} N, at which its brake"
-            f" slips; give {self.brake_force:g} N or less.",
-        )
         if self.length is not None:
             check_positive(self, "length", "m")
             self._check_reel(self.length)

@@ -20,10 +20,20 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import (
+    NOT_FALLING,
+    RISING,
+    Column,
+    Direction,
+    Mark,
+    Range,
+    at_least,
+    check_arguments,
+    positive,
+)
+from gossamer_fx.core.checks.relations import as_many
 from gossamer_fx.core.laws.tracing import Number
-from gossamer_fx.core.model.body import Array, Vector, unit
+from gossamer_fx.core.model.body import unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import (
@@ -32,7 +42,6 @@ from gossamer_fx.mechanics.bodies.frames import (
     Frame,
     across,
     bodies_of,
-    check_axis,
     hinge_angle,
 )
 from gossamer_fx.mechanics.terms.rows import (
@@ -129,6 +138,12 @@ def angular_damper(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Respon
     return replace(response, loss=work)
 
 
+# Angles [rad] of less than a turn.
+WITHIN_A_TURN = Mark(
+    lambda angles: angles[-1] - angles[0] < 2 * math.pi, "{kind}, over less than a turn"
+)
+
+
 @dataclass(frozen=True, eq=False)
 class AboutHinge(Between):
     """What acts between two frames, about the axis of their hinge."""
@@ -136,11 +151,7 @@ class AboutHinge(Between):
     a: Frame
     b: Frame
     _: KW_ONLY
-    axis: Vector
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_axis(self)
+    axis: Direction
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
@@ -200,16 +211,8 @@ class TorsionSpring(AboutHinge):
     """
 
     stiffness: Annotated[float, positive("N m/rad")]
-    rest_angle: float = 0.0
+    rest_angle: Annotated[float, Range(-math.pi, math.pi, "rad", above=True, below=True)] = 0.0
     name: str = "torsion spring"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(
-            abs(self.rest_angle) < math.pi,
-            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; "
-            "stay within half a turn.",
-        )
 
     def terms(self, start: State) -> Iterable[Term]:
         yield Rows(
@@ -225,7 +228,7 @@ class TorsionSpring(AboutHinge):
         )
 
 
-@check_arguments
+@check_arguments(as_many("angle", "moment"))
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TabulatedTorsion(AboutHinge):
     """A torsional spring about the axis of a hinge by a table of moments, e.g. those of a tape
@@ -265,24 +268,10 @@ class TabulatedTorsion(AboutHinge):
         0.365
     """
 
-    angle: Sequence[float] | Array
-    moment: Sequence[float] | Array
+    angle: Annotated[Column, at_least(2), RISING, WITHIN_A_TURN]
+    moment: Column
     rest_angle: float = 0.0
     name: str = "tabulated torsion"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(
-            len(self.angle) == len(self.moment) > 1,
-            f"TabulatedTorsion '{self.name}': it has {len(self.angle)} angles and "
-            f"{len(self.moment)} moments; give two or more, and as many of both.",
-        )
-        φ = np.asarray(self.angle, dtype=float)
-        check(
-            bool((np.diff(φ) > 0).all()) and bool(φ[-1] - φ[0] < 2 * math.pi),
-            f"TabulatedTorsion '{self.name}': angle is {self.angle!r}; give rising angles [rad] "
-            "over less than a turn.",
-        )
 
     def terms(self, start: State) -> Iterable[Term]:
         # Angles from the middle: their jump by a turn is farthest from both ends.
@@ -369,17 +358,8 @@ class TorsionStop(AboutHinge):
     """
 
     stiffness: Annotated[float, positive("N m/rad")]
-    limits: tuple[float, float]
+    limits: Annotated[tuple[float, float], NOT_FALLING, WITHIN_A_TURN]
     name: str = "torsion stop"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        low, high = self.limits
-        check(
-            0 <= high - low < 2 * math.pi,
-            f"TorsionStop '{self.name}': limits are {low:g} and {high:g} rad; "
-            "give two angles in rising order, less than a turn apart.",
-        )
 
     def terms(self, start: State) -> Iterable[Term]:
         low, high = self.limits

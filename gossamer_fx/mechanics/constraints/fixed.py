@@ -5,14 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import cross_matrices, rotations
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Direction, Range, at_least, check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.relations import at_most_one
 from gossamer_fx.core.checks.user_functions import ask_numbers, ask_points
 from gossamer_fx.core.model.body import Array, Indices, Port, Vector, unit
 from gossamer_fx.core.model.state import State
@@ -28,7 +29,11 @@ if TYPE_CHECKING:
 ALL_COMPONENTS = (0, 1, 2)
 
 
-@check_arguments
+# x, y or z
+Component = Annotated[int, Range(0, 2)]
+
+
+@check_arguments(at_most_one("normal", "components"), at_most_one("normal", "motion"))
 @dataclass(frozen=True, eq=False)
 class Fixed(OnBody, MeasuresStart):
     """A support: positions of the nodes of a group, and rotations if asked, are fixed or
@@ -84,42 +89,22 @@ class Fixed(OnBody, MeasuresStart):
     body: Meshed
     group: str
     _: KW_ONLY
-    components: tuple[int, ...] = ALL_COMPONENTS
-    normal: Vector | None = None
+    components: Annotated[tuple[Component, ...], at_least(1)] = ALL_COMPONENTS
+    normal: Direction | None = None
     motion: Callable[[Array, float], Array] | None = None
     rotation: bool = False
-    direction: Vector | Callable[[Array, float], Array] | None = None
+    direction: Direction | Callable[[Array, float], Array] | None = None
     twist: float | Callable[[float], float] = 0.0
     name: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "components", tuple(map(int, self.components)))
-        check_support("Fixed", self.body, self.group, self.components)
+        check_support("Fixed", self.body, self.group)
         # A direction or a twist is a rotation: it need not be asked for twice.
         turns = self.direction is not None or callable(self.twist) or self.twist != 0
         object.__setattr__(self, "rotation", self.rotation or turns)
         if not self.name:
             object.__setattr__(self, "name", self._default_name())
-        if self.normal is not None:
-            check(
-                any(self.normal),
-                f"'{self.name}': normal is {self.normal!r}; give three numbers, not all zero.",
-            )
-            check(
-                self.components == ALL_COMPONENTS,
-                f"'{self.name}': components and normal are given; leave one of them out.",
-            )
-            check(
-                self.motion is None,
-                f"'{self.name}': normal and motion are given; "
-                "leave one of them out, or give components.",
-            )
-        if self.direction is not None and not callable(self.direction):
-            check(
-                any(self.direction),
-                f"'{self.name}': direction is {self.direction!r}; "
-                "give three numbers, not all zero.",
-            )
         if self.rotation:
             self._check_rotation()
 
@@ -324,14 +309,9 @@ class SectionRotation:
         return float(angle)
 
 
-def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ...]) -> None:
-    """Raise `InputError`, on all ranks, if a support would hold nothing: components other than x,
-    y, z (0, 1, 2), a group that the mesh does not have, or one without nodes of the body.
-    Collective."""
-    check(
-        set(components) <= {0, 1, 2} and bool(components),
-        f"{kind}: components are {components!r}; choose from 0, 1, 2.",
-    )
+def check_support(kind: str, body: Meshed, group: str) -> None:
+    """Raise `InputError`, on all ranks, if a support would hold nothing: a group that the mesh does
+    not have, or one without nodes of the body.  Collective."""
     body.mesh.group(group, f"{kind} on '{body.name}'")
     # Owned nodes are counted once; a group may have no node on this rank, but not on all.
     nodes = body.nodes(group)
@@ -381,17 +361,11 @@ class Driven(OnBody, MeasuresStart):
     """
 
     body: RigidBody
-    axis: Vector
+    axis: Direction
     _: KW_ONLY
     angle: Callable[[float], float]
     displacement: Callable[[float], Sequence[float]] | None = None
     name: str = "motor"
-
-    def __post_init__(self) -> None:
-        check(
-            any(self.axis),
-            f"Driven '{self.name}': axis is {self.axis!r}; give three numbers, not all zero.",
-        )
 
     def terms(self, start: State) -> Iterable[Term]:
         body = self.body

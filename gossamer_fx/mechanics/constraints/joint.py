@@ -28,7 +28,7 @@ import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Direction, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector, unit
 from gossamer_fx.core.model.state import State
@@ -39,7 +39,6 @@ from gossamer_fx.mechanics.bodies.frames import (
     Frame,
     FrameJoint,
     along,
-    check_axis,
     is_normal,
     lies_in,
 )
@@ -260,11 +259,7 @@ class AxisJoint(FrameJoint, MeasuresStart):
     of a hinge."""
 
     is_hinge: ClassVar[bool] = False
-    axis: Vector
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_axis(self)
+    axis: Direction
 
 
 @check_arguments
@@ -327,15 +322,14 @@ class UniversalJoint(FrameJoint, MeasuresStart):
         'universal'
     """
 
-    axis_a: Vector
-    axis_b: Vector
+    axis_a: Direction
+    axis_b: Direction
     name: str = "universal"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        has_lengths = any(self.axis_a) and any(self.axis_b)
         check(
-            has_lengths and bool(abs(unit(self.axis_a) @ unit(self.axis_b)) <= SAME_DIRECTION),
+            bool(abs(unit(self.axis_a) @ unit(self.axis_b)) <= SAME_DIRECTION),
             f"UniversalJoint '{self.name}': its axes {self.axis_a} and {self.axis_b} are not "
             "normal to each other; give two directions at a right angle.",
         )

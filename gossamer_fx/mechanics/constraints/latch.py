@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.model.body import Array, unit
 from gossamer_fx.core.model.state import HasSystem, State
 from gossamer_fx.core.model.terms import MeasuresStart, Term
@@ -82,7 +83,7 @@ class Latch(MeasuresStart):
 
     joint: RevoluteJoint | PrismaticJoint
     _: KW_ONLY
-    angle: float = 0.0
+    angle: Annotated[float, Range(-2 * math.pi, 2 * math.pi, "rad", above=True, below=True)] = 0.0
     engaged: bool = False
     name: str = "latch"
 
@@ -91,10 +92,6 @@ class Latch(MeasuresStart):
             isinstance(self.joint, RevoluteJoint) or self.angle == 0,
             f"Latch '{self.name}': '{self.joint.name}' is a rail, which has no angle; "
             "leave angle out.",
-        )
-        check(
-            abs(self.angle) < 2 * math.pi,
-            f"Latch '{self.name}': angle is {self.angle:g} rad; stay within a turn.",
         )
 
     @cached_property
@@ -169,7 +166,7 @@ class Latch(MeasuresStart):
     def _term(self, run: HasSystem) -> PointConstraint:
         """The constraint in the scene of a run; `InputError` if there is none."""
         terms = run.system.unknowns.terms_of(self)
-        check(bool(terms), f"Latch '{self.name}' is not in the scene of this run; add it.")
+        check_in_scene(f"Latch '{self.name}'", bool(terms))
         return terms[0]
 
     def _state(self, run: HasSystem) -> LatchState:
@@ -251,5 +248,5 @@ class HoldDown(MeasuresStart):
         """The history variables of each constraint of the joint in the scene of a run; `InputError`
         if it has none."""
         terms = run.system.unknowns.terms_of(self)
-        check(bool(terms), f"HoldDown '{self.name}' is not in the scene of this run; add it.")
+        check_in_scene(f"HoldDown '{self.name}'", bool(terms))
         return [term.latch for term in terms]

@@ -29,6 +29,7 @@ from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import at_most_one
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.state import InitialCondition, InitialState, State
 from gossamer_fx.core.model.terms import MeasuresMesh, MeasuresStart, Term
@@ -36,7 +37,7 @@ from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.frames import Frame, Line
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody, RigidPiece, fitted
-from gossamer_fx.mechanics.constraints.fixed import check_support
+from gossamer_fx.mechanics.constraints.fixed import Component, check_support
 from gossamer_fx.mechanics.constraints.joint import coincidence
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.mechanics.terms.supports import Support
@@ -45,7 +46,7 @@ from gossamer_fx.mechanics.terms.supports import Support
 FIT = 1e-6
 
 
-@check_arguments
+@check_arguments(at_most_one("sliding", "rigid_body"))
 @dataclass(frozen=True, eq=False)
 class RigidRegion(MeasuresMesh, MeasuresStart, InitialCondition):
     """A rigid region: the nodes of a named group move as one piece.
@@ -78,7 +79,7 @@ class RigidRegion(MeasuresMesh, MeasuresStart, InitialCondition):
     _: KW_ONLY
     rigid_body: RigidBody | None = None
     sliding: bool = False
-    fixed_components: tuple[int, ...] = ()
+    fixed_components: tuple[Component, ...] = ()
     name: str = ""
     stage: ClassVar[int] = 1
 
@@ -89,14 +90,9 @@ class RigidRegion(MeasuresMesh, MeasuresStart, InitialCondition):
             f"RigidRegion: '{self.body.name}' is a beam, whose sections are rigid by themselves; "
             "use their frame.",
         )
-        check_support("RigidRegion", self.body, self.group, self.fixed_components or (0,))
+        check_support("RigidRegion", self.body, self.group)
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.group} rigid")
-        check(
-            not (self.sliding and self.rigid_body is not None),
-            f"'{self.name}' slides, and is fixed to '{getattr(self.rigid_body, 'name', '')}'; "
-            "leave one of them out, and join the frame of what slides to the rigid body.",
-        )
         count = self._fit[0].shape[0] - 1
         check(count > 0, f"'{self.name}' is one point; apply forces to its port.")
         check(

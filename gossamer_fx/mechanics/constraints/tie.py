@@ -36,8 +36,9 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative
+from gossamer_fx.core.checks.arguments import RISING, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.relations import different
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, MeshBody, Port
 from gossamer_fx.core.model.state import State
@@ -53,6 +54,8 @@ from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 # counts as the end, and depends on one node only.
 NODE = 1e-9
 
+Time = Annotated[float, not_negative("s")]
+
 
 def have_points_between_nodes(terms: Iterable[Term], comm: MPI.Intracomm) -> bool:
     """Whether a tie holds a node at a point between two others, whose fraction depends on the
@@ -65,7 +68,7 @@ def have_points_between_nodes(terms: Iterable[Term], comm: MPI.Intracomm) -> boo
     return bool(comm.allreduce(own, op=MPI.LOR))
 
 
-@check_arguments
+@check_arguments(different(("a", "b"), ("group_a", "group_b"), give="another line"))
 @dataclass(frozen=True, eq=False)
 class Tie(MeasuresMesh):
     """A tie: the nodes of a line of one film or cable stay where they are at the start on a line of
@@ -116,10 +119,6 @@ class Tie(MeasuresMesh):
                 group is not None or body.space.mesh.topology.dim == 1,
                 f"Tie: of the film '{body.name}' one line is tied; name a curve of its mesh.",
             )
-        check(
-            self.a is not self.b or self.group_a != self.group_b,
-            f"Tie: '{self.group_a}' of '{self.a.name}' is tied to itself; name another line.",
-        )
         if not self.name:
             words = [f"{body.name}/{group or 'all'}" for body, group in sides]
             object.__setattr__(self, "name", " tied to ".join(words))
@@ -239,7 +238,7 @@ def _between(body: Meshed, ends: npt.NDArray[np.int64], s: float) -> Port:
     return Port(body, (int(ends[0]), int(ends[1])), weights=(1 - s, s))
 
 
-@check_arguments
+@check_arguments(different(("a", "b"), ("edge_a", "edge_b"), give="two edges"))
 @dataclass(frozen=True, eq=False)
 class Seam(MeasuresMesh, MeasuresStart, SewnEdges):
     """A seam: two edges of films that are drawn together in a time, and are tied from then on.
@@ -279,7 +278,7 @@ class Seam(MeasuresMesh, MeasuresStart, SewnEdges):
     b: Membrane
     edge_b: str
     _: KW_ONLY
-    closing: tuple[float, float] | None = (0.0, 1.0)
+    closing: Annotated[tuple[Time, Time], RISING] | None = (0.0, 1.0)
     max_ease: Annotated[float, not_negative()] = 0.02
     name: str = ""
 
@@ -287,17 +286,6 @@ class Seam(MeasuresMesh, MeasuresStart, SewnEdges):
         if not self.name:
             words = f"{self.a.name}/{self.edge_a} sewn to {self.b.name}/{self.edge_b}"
             object.__setattr__(self, "name", words)
-        check(
-            self.a is not self.b or self.edge_a != self.edge_b,
-            f"Seam '{self.name}': the edge is sewn to itself; name two edges.",
-        )
-        if self.closing is not None:
-            begin, end = self.closing
-            check(
-                0 <= begin < end,
-                f"Seam '{self.name}': closing is from {begin:g} to {end:g} s; "
-                "give two times that rise, from 0 on.",
-            )
         line_a, line_b = self._lines
         check(
             line_a.is_closed == line_b.is_closed,

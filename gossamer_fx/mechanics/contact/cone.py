@@ -22,12 +22,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import DISTINCT, check_arguments, not_negative
 from gossamer_fx.core.model.body import Vector
 from gossamer_fx.mechanics.contact.contract import Array
 from gossamer_fx.mechanics.contact.obstacles import (
@@ -116,6 +116,9 @@ class PointInCone(BoundaryStencil):
         return height - across, gradient
 
 
+Radius = Annotated[float, not_negative("m")]
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cone(Obstacle):
@@ -143,17 +146,8 @@ class Cone(Obstacle):
 
     start: Vector
     end: Vector
-    radii: tuple[float, float]
+    radii: Annotated[tuple[Radius, Radius], DISTINCT]
     inside: bool = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        first, second = self.radii
-        check(
-            min(self.radii) >= 0 and math.isfinite(first + second) and first != second,
-            f"Cone '{self.name}': radii are {self.radii!r} m; give two numbers of at least zero "
-            "that differ, or a Cylinder.",
-        )
 
     def _balls(self) -> tuple[tuple[Array, Array], Array, tuple[float, float]]:
         """Return the centres (3,) [m] of the balls that touch the mantle at its circles, the unit

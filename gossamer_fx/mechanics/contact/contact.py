@@ -16,9 +16,11 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_known
+from gossamer_fx.core.checks.relations import each_once
 from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.mesh.quality import box
-from gossamer_fx.core.model.body import Body, MeshBody, has_nodal_unknowns
+from gossamer_fx.core.model.body import Body, MeshBody, NodalBody
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
@@ -275,7 +277,7 @@ class ContactEnergy:
     compiler: ClassVar[Compiler] = CompiledContact
 
 
-@check_arguments
+@check_arguments(each_once("bodies"))
 class Contact(Item):
     """Keeps films, cables and beams apart: each from itself, from the others and from obstacles.
 
@@ -327,7 +329,7 @@ class Contact(Item):
 
     def __init__(
         self,
-        *bodies: MeshBody | Obstacle,
+        *bodies: NodalBody | Obstacle,
         distance: Annotated[float, positive("m")],
         stiffness: Annotated[float, positive("N/m³")] | None = None,
         law: Literal["barrier", "penalty"] = "barrier",
@@ -344,7 +346,6 @@ class Contact(Item):
         self.law = law
         self.friction = friction
         self.slip_velocity = slip_velocity
-        self._check_bodies(bodies)
         self.bodies = [body for body in bodies if not isinstance(body, Obstacle)]
         self.obstacles = [body for body in bodies if isinstance(body, Obstacle)]
         check(bool(self.bodies), f"Contact '{name}' has no film, cable or beam; give at least one.")
@@ -355,36 +356,11 @@ class Contact(Item):
             for body, body_radius in zip(self.bodies, self.radii, strict=True)
         ]
 
-    def _check_bodies(self, bodies: tuple[Any, ...]) -> None:
-        """Raise `InputError` for what has no surface, and for what is given twice."""
-        for k, body in enumerate(bodies):
-            is_given_before = any(body is other for other in bodies[:k])
-            check(
-                not is_given_before,
-                f"Contact '{self.name}': '{getattr(body, 'name', body)}' is given twice; give it "
-                "once, which covers its contact with itself.",
-            )
-            if isinstance(body, Obstacle):
-                continue
-            check(
-                isinstance(body, Body) and isinstance(body, MeshBody),
-                f"Contact '{self.name}': {body!r} has no surface; give films, cables, beams and "
-                "obstacles.",
-            )
-            check(
-                has_nodal_unknowns(body),
-                f"Contact '{self.name}': '{body.name}' is reduced, without nodes that touch; give "
-                "the film itself.",
-            )
-
     def _radii(self, given: Mapping[str, float]) -> list[float]:
         """Return the radius [m] of each of `self.bodies`, in their order; 0 where none is given."""
-        unknown = sorted(set(given) - {body.name for body in self.bodies})
-        check(
-            not unknown,
-            f"Contact '{self.name}': radius is given for {', '.join(map(repr, unknown))}, which is "
-            "not among its bodies; give the names of films, cables and beams of this contact.",
-        )
+        names = [body.name for body in self.bodies]
+        for name in given:
+            check_known(f"Contact '{self.name}'", "body", name, names)
         return [self._radius(body, float(given.get(body.name, 0.0))) for body in self.bodies]
 
     def _radius(self, body: MeshBody, radius: float) -> float:

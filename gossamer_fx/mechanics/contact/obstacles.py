@@ -8,16 +8,16 @@ is a corner with a radius, a cylinder an edge with a radius, a box eight corners
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, is_vector
+from gossamer_fx.core.checks.arguments import POSITIVE, check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import at_most_one
 from gossamer_fx.core.drawing import (
     BOX_CORNERS,
     BOX_EDGES,
@@ -41,6 +41,8 @@ PrescribedMotion = Callable[[float], Sequence[float]]
 
 # Largest error of the products of a box's axes: they are orthonormal to round-off.
 ORTHONORMALITY = 1e-9
+
+Radius = Annotated[float, positive("m")]
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ class ObstacleSolid:
     edge_shape: float = 0.0
 
 
+@check_arguments(at_most_one("body", "motion"))
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Obstacle:
     """Something solid.  Points and directions are those at the start, in space.
@@ -96,34 +99,8 @@ class Obstacle:
 
     body: RigidBody | None = None
     motion: PrescribedMotion | None = None
-    friction: float | None = None
+    friction: Annotated[float, not_negative()] | None = None
     name: str = "obstacle"
-
-    def __post_init__(self) -> None:
-        """Check the arguments that all kinds of obstacles share. Vectors and radii [m] are checked
-        where a kind has an attribute of this name."""
-        owner = f"{type(self).__name__} '{self.name}'"
-        if self.friction is not None:
-            check(
-                math.isfinite(self.friction) and self.friction >= 0,
-                f"{owner}: friction is {self.friction!r}; "
-                "give zero, or a positive ratio of forces.",
-            )
-        check(
-            self.body is None or self.motion is None,
-            f"{owner}: a part of a rigid body moves with that body; leave out one of 'body' and "
-            "'motion'.",
-        )
-        for attribute in ("point", "normal", "centre", "start", "end", "sizes"):
-            value = getattr(self, attribute, (0.0, 0.0, 0.0))
-            check(
-                is_vector(value), f"{owner}: {attribute} is {value!r}; give three finite numbers."
-            )
-        radius = getattr(self, "radius", 1.0)
-        check(
-            math.isfinite(radius) and radius > 0,
-            f"{owner}: radius is {radius!r} m; give a positive number.",
-        )
 
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
         """Return the boundaries and solids that make it up, in its position at the start.
@@ -243,7 +220,7 @@ class Sphere(Obstacle):
     """
 
     centre: Vector
-    radius: float
+    radius: Radius
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
@@ -280,7 +257,7 @@ class Cylinder(Obstacle):
 
     start: Vector
     end: Vector
-    radius: float
+    radius: Radius
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
@@ -328,17 +305,12 @@ class Box(Obstacle):
     """
 
     centre: Vector
-    sizes: Vector
+    sizes: Annotated[Vector, POSITIVE]
     axes: Sequence[Vector] = field(default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     inside: bool = False
 
     def __post_init__(self) -> None:
         """Check sizes [m] and axes in addition to what `Obstacle` checks."""
-        super().__post_init__()
-        check(
-            min(self.sizes) > 0,
-            f"Box '{self.name}': sizes are {tuple(self.sizes)!r} m; give positive numbers.",
-        )
         axes = np.asarray(self.axes, dtype=float)
         is_orthonormal = axes.shape == (3, 3) and bool(
             np.allclose(axes @ axes.T, np.eye(3), rtol=0, atol=ORTHONORMALITY)

@@ -16,13 +16,13 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative
+from gossamer_fx.core.checks.arguments import NOT_NEGATIVE, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check, real_numbers
 from gossamer_fx.core.model.body import Array, Port, Vector, combine, unit
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
-from gossamer_fx.mechanics.bodies.frames import Frame, bodies_of
+from gossamer_fx.mechanics.bodies.frames import Frame, TurningFrame, bodies_of
 from gossamer_fx.mechanics.terms.assembly import HistoryVariables
 from gossamer_fx.mechanics.terms.loads import Couple, ForceOfStart, PointLoad
 
@@ -156,6 +156,8 @@ TINY_VELOCITY = 1e-12
 
 # Largest error of an entry of AᵀA for a rotation matrix A of the user.
 ORTHONORMALITY = 1e-9
+# One gain of all three axes, or one of each.
+Gains = Annotated[float, not_negative()] | Annotated[Vector, NOT_NEGATIVE]
 
 # Second singular value of the frame's vectors below which they are parallel.
 PARALLEL = 1e-9
@@ -443,32 +445,21 @@ class AttitudeControl(Item):
 
     def __init__(
         self,
-        frame: Frame,
+        frame: TurningFrame,
         target: Vector,
         *,
-        stiffness: float | Vector,
-        damping: float | Vector,
+        stiffness: Gains,
+        damping: Gains,
         axes: Sequence[Sequence[float]] = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         period: Annotated[float, not_negative("s")] = 0.0,
         name: str = "attitude control",
     ) -> None:
-        check(
-            len(frame.directors) >= 2,
-            f"'{name}' acts on something without position gradient; "
-            "give the frame of a rigid body or beam, or a patch of a film.",
-        )
         self.frame = frame
         self.period = period
         self.name = name
         self.target = np.asarray(target, dtype=float)
         self.stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), 3)
         self.damping = np.broadcast_to(np.asarray(damping, dtype=float), 3)
-        check(
-            bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
-            f"'{name}': "
-            f"gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; "
-            "none may be negative.",
-        )
         self.axes = _three_by_three(axes)
         is_orthonormal = np.allclose(
             self.axes.T @ self.axes, np.eye(3), rtol=0, atol=ORTHONORMALITY

@@ -15,13 +15,20 @@ from typing import Annotated, Any, ClassVar, cast
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.checks.arguments import (
+    Direction,
+    at_least,
+    check_arguments,
+    not_negative,
+    positive,
+)
 from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.lookups import check_in_scene, check_once
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.core.model.body import Array, Vector, unit
+from gossamer_fx.core.model.body import Array, unit
 from gossamer_fx.core.model.state import HasSystem, Sampled, State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import Frame, along, bodies_of, check_axis
+from gossamer_fx.mechanics.bodies.frames import Frame, along, bodies_of
 from gossamer_fx.mechanics.terms.assembly import Compiler, HistoryVariables
 from gossamer_fx.mechanics.terms.loads import Couple, PointForce, PointLoad, PointLoads
 
@@ -262,16 +269,10 @@ class Thruster:
     """
 
     frame: Frame
-    direction: Vector
+    direction: Direction
     _: KW_ONLY
     name: str = "thruster"
     commands: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        check(
-            any(self.direction),
-            f"Thruster '{self.name}': direction has no length; give one.",
-        )
 
     def _load(self, controller: _Controller) -> _ActuatorLoad:
         ports = (self.frame.origin, along(unit(self.direction), self.frame))
@@ -304,15 +305,12 @@ class ReactionWheel:
     """
 
     frame: Frame
-    axis: Vector
+    axis: Direction
     _: KW_ONLY
     inertia: Annotated[float, positive("kg m²")]
     spin: float = 0.0
     name: str = "reaction wheel"
     commands: ClassVar[int] = 1
-
-    def __post_init__(self) -> None:
-        check_axis(self)
 
     def _load(self, controller: _Controller) -> _ActuatorLoad:
         ports = (along(unit(self.axis), self.frame), *self.frame.directors)
@@ -397,9 +395,9 @@ class Feedback(Sampled):
         array([0.002])
     """
 
-    measures: Sequence[Callable[..., Any]]
+    measures: Annotated[Sequence[Callable[..., Any]], at_least(1)]
     law: Callable[..., Any]
-    actuators: Sequence[Actuator]
+    actuators: Annotated[Sequence[Actuator], at_least(1)]
     _: KW_ONLY
     period: Annotated[float, positive("s")]
     delay: Annotated[int, not_negative()] = 0
@@ -408,15 +406,7 @@ class Feedback(Sampled):
 
     def __post_init__(self) -> None:
         names = [actuator.name for actuator in self.actuators]
-        check(
-            bool(self.measures and names),
-            f"Feedback '{self.name}' has {len(self.measures)} measures and {len(names)} actuators; "
-            "give at least one of each.",
-        )
-        check(
-            len(set(names)) == len(names),
-            f"Feedback '{self.name}': two actuators have one name, {names}; give them others.",
-        )
+        check_once(f"Feedback '{self.name}': the actuator", names)
 
     def requires(self) -> Iterable[Any]:
         for actuator in self.actuators:
@@ -504,7 +494,7 @@ class Feedback(Sampled):
     def _loads(self, run: HasSystem) -> Sequence[_ActuatorLoad]:
         """The loads of the actuators in the scene of a run; `InputError` if there are none."""
         loads = run.system.unknowns.terms_of(self)
-        check(bool(loads), f"Feedback '{self.name}' is not in the scene of this run; add it.")
+        check_in_scene(f"Feedback '{self.name}'", bool(loads))
         return cast("Sequence[_ActuatorLoad]", loads)
 
     def _actuations(self, run: HasSystem) -> dict[str, _Actuation]:

@@ -15,7 +15,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import InputError
+from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import HasSystem
@@ -272,10 +273,7 @@ class DynamicOpening(Opening):
     def variable(self, run: HasSystem, name: str) -> float:
         """A state variable at the end of the last step, for probes.  `InputError`: the opening is
         not in the scene, or has no variable of that name."""
-        check(
-            name in self.variables,
-            f"'{self.name}' has no state variable {name!r}; give one of {sorted(self.variables)}.",
-        )
+        check_known(f"'{self.name}'", "state variable", name, self.variables)
         values: dict[str, float] = network_of(self, run).variables(self)
         return values[name]
 

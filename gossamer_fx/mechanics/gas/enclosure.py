@@ -28,13 +28,13 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.algebra.point_measures import attach, translation_weight
-from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.algebra.point_measures import PointPort, attach
+from gossamer_fx.core.checks.arguments import Direction, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.quality import area_vectors
-from gossamer_fx.core.model.body import Array, Port, unit
+from gossamer_fx.core.model.body import Array, unit
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.film_area import named_triangles
 from gossamer_fx.mechanics.gas.patches import ChamberSurfaces, Moving, Side, Triangles
@@ -286,18 +286,11 @@ class Piston(Enclosure):
 
     def __init__(
         self,
-        port: Port,
+        port: PointPort,
         area: Annotated[float, positive("m²")],
         *,
-        direction: tuple[float, float, float],
+        direction: Direction,
     ) -> None:
-        check(
-            any(direction), "Piston: direction has no length; give the axis along which it moves."
-        )
-        check(
-            bool(np.isclose(translation_weight(port), 1.0)),
-            "Piston: its port is not a point of a body; give one, as body.port().",
-        )
         self.port = port
         self.area = area
         self.direction = unit(direction)

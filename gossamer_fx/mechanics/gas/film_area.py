@@ -17,6 +17,7 @@ from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array, has_nodal_unknowns
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.bodies.properties import cells_of_group
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 
@@ -25,12 +26,7 @@ def named_triangles(film: Membrane, surface: tuple[str, ...], user: str) -> np.n
     whole film if no group is named.  `InputError`: a group is not one of triangles."""
     if not surface:
         return all_triangles(film)
-    groups = [film.mesh.group(name, user) for name in surface]
-    check(
-        all(dim == 2 for dim, _ in groups),
-        f"{user}: its surface {surface} must be named groups of triangles.",
-    )
-    return np.unique(np.concatenate([cells for _, cells in groups]))
+    return np.unique(np.concatenate([cells_of_group(film.mesh, name, user) for name in surface]))
 
 
 def all_triangles(film: Membrane) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.arguments import RISING, Count, Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.laws.tracing import Number
 from gossamer_fx.mechanics.gas.contract import Gas
@@ -115,8 +115,8 @@ class PolynomialGas(Gas):
     """
 
     R: Annotated[float, positive("J/(kg K)")]
-    temperatures: tuple[Annotated[float, positive("K")], ...]
-    coefficients: tuple[tuple[float, ...], ...]
+    temperatures: Annotated[tuple[Annotated[float, positive("K")], ...], RISING]
+    coefficients: tuple[Annotated[tuple[float, ...], Count(COEFFICIENTS)], ...]
     enthalpy_298: Annotated[float, positive("J/kg")]
     name: str = "gas"
     USUAL: ClassVar = {"R": (10.0, 5e3, "J/(kg K)", "is it in kJ/(kg K), or of a mole?")}
@@ -128,15 +128,6 @@ class PolynomialGas(Gas):
             f"Gas '{self.name}': {len(limits)} temperatures with {len(self.coefficients)} ranges; "
             "give the ends of all ranges, one more than there are ranges.",
         )
-        check(
-            all(low < high for low, high in pairwise(limits)),
-            f"Gas '{self.name}': the ends of its ranges are {limits} K; give rising temperatures.",
-        )
-        for a in self.coefficients:
-            check(
-                len(a) == COEFFICIENTS,
-                f"Gas '{self.name}': a range has {len(a)} coefficients; give a_1 to a_7.",
-            )
         for T in limits:
             check(
                 self.heat_capacity(T) > 0,

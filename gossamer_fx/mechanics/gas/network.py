@@ -35,6 +35,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
@@ -399,7 +400,7 @@ class GasNetwork(ScalarUnknowns):
         """The passage of a valve, whose `was_open` may be set between steps.  `InputError`: the
         valve is not in the scene."""
         found = [passage for passage, valve in self._switches if valve is opening]
-        check(bool(found), f"'{opening.name}' is not in the scene; add it.")
+        check_in_scene(f"'{opening.name}'", bool(found))
         return found[0]
 
     def variables(self, opening: DynamicOpening) -> dict[str, float]:

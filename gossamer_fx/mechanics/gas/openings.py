@@ -7,7 +7,6 @@ its effective area, which may change in time or with a film (`aperture`), as a f
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
@@ -19,6 +18,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import different, rising
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.laws.tracing import Number, Symbol, root
 from gossamer_fx.core.model.state import HasSystem
@@ -46,6 +46,7 @@ from gossamer_fx.mechanics.gas.tables import LinearTable
 from gossamer_fx.mechanics.gas.volumes import Chamber
 
 
+@check_arguments(different(("a", "b"), give="two volumes"))
 @dataclass(frozen=True, eq=False)
 class Connection(Opening):
     """An opening between two different ends a and b, the part that the classes of openings share;
@@ -56,12 +57,6 @@ class Connection(Opening):
     _: KW_ONLY
     name: str = "opening"
     scalar_unknowns = GasNetwork
-
-    def __post_init__(self) -> None:
-        check(
-            self.a is not self.b,
-            f"{type(self).__name__} '{self.name}' leads from '{self.a.name}' back into it.",
-        )
 
     def requires(self) -> Iterable[Any]:
         yield from super().requires()
@@ -86,7 +81,7 @@ class PassiveOpening(Connection):
 
 
 # Geometric area of an opening: a number [m²], a function of time [s], or that of a part of a film
-Area = float | Callable[[float], float] | Ring | FilmArea
+Area = Annotated[float, not_negative("m²")] | Callable[[float], float] | Ring | FilmArea
 
 # C_d, the effective over the geometric area
 Coefficient = Annotated[float, Range(0.0, 1.0, above=True)]
@@ -174,15 +169,7 @@ class Orifice(PassiveOpening, Discharge):
     USUAL: ClassVar = {"area": (0.0, 1.0, "m²", "is it in mm² or cm²?")}
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         what = f"{type(self).__name__} '{self.name}'"
-        check(
-            isinstance(self.area, Ring | FilmArea)
-            or callable(self.area)
-            or 0 <= self.area < math.inf,
-            f"{what}: area is {self.area!r} m²; "
-            "give a number ≥ 0, a function of time, a Ring or a FilmArea.",
-        )
         if isinstance(self.discharge_coefficient, LinearTable):
             self._check_table(what, self.discharge_coefficient)
 
@@ -239,7 +226,7 @@ def _area_at(comm: MPI.Intracomm, area: Callable[[float], float], t: float, user
     """The area [m²] that a user's function gives at time t, checked.  Collective."""
     what = f"{user}: its area at t = {t:.6g} s"
     opening = float(ask_numbers(comm, what, lambda: area(t)))
-    check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
+    not_negative("m²").check(what, opening)
     return opening
 
 
@@ -281,7 +268,7 @@ class WallHeat(Wall):
         return CompiledWall(lambda h: (self.temperature, self.conductance))
 
 
-@check_arguments
+@check_arguments(rising("closes", "opens"))
 @dataclass(frozen=True, eq=False)
 class Valve(Orifice, Switch):
     """An orifice that opens and closes by the difference of the pressures of a and b, or by events.
@@ -315,14 +302,6 @@ class Valve(Orifice, Switch):
     one_way: bool = False
     starts_open: bool = False
     name: str = "valve"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(
-            self.closes is None or self.opens is None or self.closes <= self.opens,
-            f"Valve '{self.name}' closes at {self.closes!r} Pa, above {self.opens!r} Pa, at which "
-            "it opens; give a lower pressure.",
-        )
 
     def is_open(self, was_open: bool, p: tuple[float, float]) -> bool:
         """Whether it is open in a step that starts at the pressures p [Pa] of a and b."""
@@ -594,7 +573,7 @@ class FilmHeat(Wall):
         what = f"FilmHeat '{self.name}': its temperature at t = {geometry.system.time:.6g} s"
         seen = InStep(SeenSystem(geometry.system))
         found = float(ask_numbers(geometry.comm, what, lambda: given(seen)))
-        check(found > 0, f"{what} is {found!r} K; give one that is positive.")
+        positive("K").check(what, found)
         return found
 
     def _coefficient_at(self, T: Number, outside: Number, geometry: Geometry) -> Number:
@@ -607,5 +586,5 @@ class FilmHeat(Wall):
             return given(T, outside)
         what = f"FilmHeat '{self.name}': its coefficient at {T:.6g} K"
         found = float(ask_numbers(geometry.comm, what, lambda: given(T, outside)))
-        check(found >= 0, f"{what} is {found!r} W/(m² K); give one that is not negative.")
+        not_negative("W/(m² K)").check(what, found)
         return found

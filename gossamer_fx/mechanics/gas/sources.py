@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, ClassVar
 
-from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import Mark, Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.mechanics.gas.contract import (
     USUAL_MASS_FLOW,
@@ -60,13 +59,8 @@ class Blower(Connection):
     is_driven: ClassVar = True
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         least = min(flow for _, flow in self.curve.points)
-        check(
-            least >= 0,
-            f"Blower '{self.name}': a volume flow of its curve is {least!r} m³/s; "
-            "give none that is negative.",
-        )
+        not_negative("m³/s").check(f"Blower '{self.name}': a volume flow of its curve", least)
 
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Mass flow [kg/s] from a to b; `area` is one."""
@@ -174,18 +168,11 @@ class Inflator(Opening):
 
         def mass_flow(h: float, t: float) -> float:
             temperature = self._at(geometry, "temperature", self.temperature, t)
-            check(
-                temperature > 0,
-                f"Inflator '{self.name}': its temperature at t = {t:.6g} s is {temperature!r} K; "
-                "give a positive one.",
-            )
+            when = f"at t = {t:.6g} s"
+            positive("K").check(f"Inflator '{self.name}': its temperature {when}", temperature)
             self.a.temperature = temperature
             flow = self._at(geometry, "mass flow", self.mass_flow, t)
-            check(
-                flow >= 0,
-                f"Inflator '{self.name}': its mass flow at t = {t:.6g} s is {flow!r} kg/s; "
-                "give one that is not negative.",
-            )
+            not_negative("kg/s").check(f"Inflator '{self.name}': its mass flow {when}", flow)
             return flow
 
         return mass_flow
@@ -237,6 +224,9 @@ class Antoine:
         return float(10 ** (self.A - self.B / (temperature + self.C)))
 
 
+PURE = Mark(lambda gas: len(gas.species) == 1, "a gas that is not a mixture")
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Sublimation(Discharge):
@@ -271,7 +261,7 @@ class Sublimation(Discharge):
 
     b: Volume
     _: KW_ONLY
-    gas: Gas
+    gas: Annotated[Gas, PURE]
     pressure: Annotated[float, positive("Pa")]
     temperature: Annotated[float, positive("K")]
     area: Annotated[float, positive("m²")]
@@ -284,10 +274,6 @@ class Sublimation(Discharge):
     USUAL: ClassVar = {"temperature": USUAL_TEMPERATURE, "pressure": USUAL_PRESSURE}
 
     def __post_init__(self) -> None:
-        check(
-            len(self.gas.species) == 1,
-            f"Sublimation '{self.name}': its vapour is a mixture; give one for each species.",
-        )
         saturated = Ambient(self.pressure, self.temperature, gas=self.gas, name=self.name)
         object.__setattr__(self, "a", saturated)
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import exactly_one
 from gossamer_fx.mechanics.bodies.edge_lines import SewnEdges
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.contract import (
@@ -59,7 +60,7 @@ class Ambient(Holder, BringsScalarUnknowns):
     scalar_unknowns = GasNetwork
 
 
-@check_arguments
+@check_arguments(exactly_one("enclosure", "volume"))
 class Chamber(Volume):
     """A volume of well mixed ideal gas that a closed film, a piston or rigid walls enclose.
 
@@ -127,11 +128,6 @@ class Chamber(Volume):
         self.outside = outside
         self.initial_pressure = pressure
         self.initial_temperature = temperature
-        check(
-            (volume is not None) == (enclosure is None),
-            f"Chamber '{name}': "
-            "give either a film (or piston) that encloses it, or the volume of a rigid chamber.",
-        )
         self.fixed_volume = dead_volume if volume is None else volume
         check(
             isinstance(enclosure, Membrane) or not (surface or rings),

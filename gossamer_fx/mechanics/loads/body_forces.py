@@ -13,8 +13,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check, is_vector
+from gossamer_fx.core.checks.arguments import Direction, check_arguments, positive
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector
@@ -52,10 +51,6 @@ class Gravity(OnBody):
     def __post_init__(self) -> None:
         if not self.name:
             object.__setattr__(self, "name", f"gravity of {self.body.name}")
-        check(
-            is_vector(self.g),
-            f"Gravity '{self.name}': g is {self.g!r} m/s²; give three finite numbers.",
-        )
 
     def terms(self, start: State) -> Iterable[Term]:
         for part in self.body.terms(start):
@@ -114,16 +109,12 @@ class Centrifugal(OnBody):
     """
 
     body: Body
-    spin: Vector
+    spin: Direction
     _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     name: str = ""
 
     def __post_init__(self) -> None:
-        check(
-            any(self.spin),
-            f"Centrifugal force on '{self.body.name}': spin is zero; give Ω in rad/s.",
-        )
         if not self.name:
             object.__setattr__(self, "name", f"centrifugal force on {self.body.name}")
 

@@ -25,15 +25,9 @@ from gossamer_fx.mechanics.terms.element_energies import (
 )
 
 
-def check_branches(what: str, body: Any, **numbers: Sequence[float]) -> None:
+def check_branches(what: str, body: Any) -> None:
     """Raise `InputError`, which begins with `what`, unless each branch has one of each of two kinds
     of numbers, given by their names, and the body is one whose strain alone has a stress."""
-    (first, of_first), (second, of_second) = numbers.items()
-    check(
-        len(of_first) == len(of_second) > 0,
-        f"{what}: {len(of_first)} {first} and {len(of_second)} {second} are given; "
-        "give one of each for every branch.",
-    )
     check(
         not body.bends,
         f"{what}: '{body.name}' is a Plate, whose bending branches do not act on; "

@@ -18,6 +18,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import at_most_one, both_or_none, some
 from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
@@ -43,7 +44,11 @@ from gossamer_fx.mechanics.terms.element_energies import (
 Body = Membrane | Cable | Beam
 
 
-@check_arguments
+@check_arguments(
+    both_or_none("loss_factor", "frequency"),
+    at_most_one("stiffness_factor", "loss_factor"),
+    some("mass_factor", "stiffness_factor", "loss_factor"),
+)
 @dataclass(frozen=True, eq=False)
 class Damping(OnBody):
     """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as
@@ -91,20 +96,6 @@ class Damping(OnBody):
 
     def __post_init__(self) -> None:
         what = f"Damping '{self.name}'"
-        check(
-            (self.loss_factor is None) == (self.frequency is None),
-            f"{what}: loss_factor is {self.loss_factor} and frequency is {self.frequency}; "
-            "give both or none.",
-        )
-        check(
-            self.loss_factor is None or self.stiffness_factor == 0,
-            f"{what}: stiffness_factor is {self.stiffness_factor:g} s, and loss_factor is given, "
-            "too; give one of them.",
-        )
-        check(
-            self.mass_factor + self.damping_time > 0,
-            f"{what}: both factors are zero; give one of them.",
-        )
         check(
             not self.tension_only or (isinstance(self.body, Membrane) and self.damping_time > 0),
             f"{what}: tension_only is for the stiffness damping of films; "

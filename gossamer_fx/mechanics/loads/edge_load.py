@@ -12,7 +12,8 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.errors import check_on_all
+from gossamer_fx.core.checks.relations import exactly_one, only_with
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Vector
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.bodies.plate import Plate
 
 
-@check_arguments
+@check_arguments(exactly_one("force", "normal_force"), only_with("following", "normal_force"))
 @dataclass(frozen=True, eq=False)
 class EdgeLoad(OnBody):
     """A force per reference length along a named group of edges of a film: δW = ∫f·w ds.
@@ -62,15 +63,6 @@ class EdgeLoad(OnBody):
     def __post_init__(self) -> None:
         film = self.body
         edges = film.mesh.curve(self.edges, f"EdgeLoad on '{film.name}'")
-        check(
-            (self.force is None) != (self.normal_force is None),
-            f"EdgeLoad on '{self.edges}': give either a force or a normal one.",
-        )
-        check(
-            self.normal_force is not None or not self.following,
-            f"EdgeLoad on '{self.edges}': following=True turns a normal_force; a force stays in "
-            "space, so leave following out.",
-        )
         # The normal of an edge in its sheet is defined on the rim only.
         check_on_all(
             film.comm,

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.algebra.point_measures import translation_weight
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.algebra.point_measures import PointPort
+from gossamer_fx.core.checks.arguments import at_least, check_arguments
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector
 from gossamer_fx.core.model.item import Item
@@ -128,18 +127,10 @@ class Force(Item):
         'force'
     """
 
-    port: Port | Sequence[Port]
+    port: PointPort | Annotated[Sequence[PointPort], at_least(1)]
     force: Vector | History
     _: KW_ONLY
     name: str = "force"
-
-    def __post_init__(self) -> None:
-        check(bool(self._ports), f"Force '{self.name}': there is no port; give one or several.")
-        check(
-            bool(np.isclose([translation_weight(port) for port in self._ports], 1.0).all()),
-            f"Force '{self.name}': a port is not a point of a body; "
-            "give points, as film.port('tip'), and a Torque on directions.",
-        )
 
     @property
     def _ports(self) -> Sequence[Port]:

@@ -45,8 +45,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.arguments import NOT_ZERO, at_least, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import as_many
 from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
@@ -63,7 +64,7 @@ from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.element_energies import ViscousDissipation
 
 
-@check_arguments
+@check_arguments(as_many("stiffness", "limit"))
 @dataclass(frozen=True, eq=False)
 class InternalFriction(OnBody):
     """Friction within a film, e.g. between yarns: springs with sliders in parallel to its law.
@@ -102,8 +103,8 @@ class InternalFriction(OnBody):
 
     body: Membrane
     _: KW_ONLY
-    strain: tuple[float, float, float]
-    stiffness: Sequence[Annotated[float, positive("N/m")]]
+    strain: Annotated[tuple[float, float, float], NOT_ZERO]
+    stiffness: Annotated[Sequence[Annotated[float, positive("N/m")]], at_least(1)]
     limit: Sequence[Annotated[float, positive("N/m")]]
     relaxed: bool = False
     name: str = "internal friction"
@@ -111,8 +112,7 @@ class InternalFriction(OnBody):
     def __post_init__(self) -> None:
         what = f"InternalFriction '{self.name}'"
         body = self.body
-        check_branches(what, body, stiffnesses=self.stiffness, limits=self.limit)
-        check(any(self.strain), f"{what}: strain is {self.strain!r}; give a weight that is not 0.")
+        check_branches(what, body)
         check(
             hasattr(body.law, "direction"),
             f"{what}: the law of '{body.name}' has no direction; use one that has, e.g. "

@@ -64,8 +64,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.arguments import Band, Range, at_least, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.relations import as_many
 from gossamer_fx.core.forms.cell_loops import tabulation
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
@@ -87,7 +88,7 @@ from gossamer_fx.mechanics.terms.element_energies import (
 )
 
 
-@check_arguments
+@check_arguments(as_many("ratios", "times"))
 @dataclass(frozen=True, eq=False)
 class Viscoelasticity(OnBody):
     """Stiffness of a film, cable or beam that relaxes: C(t) = C (1 + Σ r_k exp(-t/τ_k)), with the
@@ -122,7 +123,7 @@ class Viscoelasticity(OnBody):
 
     body: Membrane | Cable | Beam
     _: KW_ONLY
-    ratios: Sequence[Annotated[float, positive()]]
+    ratios: Annotated[Sequence[Annotated[float, positive()]], at_least(1)]
     times: Sequence[Annotated[float, positive("s")]]
     tension_only: bool = True
     name: str = "viscoelasticity"
@@ -130,7 +131,7 @@ class Viscoelasticity(OnBody):
     def __post_init__(self) -> None:
         what = f"Viscoelasticity '{self.name}'"
         body = self.body
-        check_branches(what, body, ratios=self.ratios, times=self.times)
+        check_branches(what, body)
         check(
             isinstance(body, Beam) or body.law.quadratic or _taut_law(body) is not None,
             f"{what}: the law of '{body.name}' is neither quadratic in the strain nor one that is "
@@ -172,7 +173,7 @@ def flat_damping(
     body: Membrane | Cable | Beam,
     *,
     loss_factor: Annotated[float, Range(0.0, 0.3, above=True)],
-    band: tuple[float, float],
+    band: Band,
     tension_only: bool = True,
     name: str = "damping",
 ) -> Viscoelasticity:
@@ -204,11 +205,6 @@ def flat_damping(
     from scipy.optimize import nnls
 
     low, high = band
-    check(
-        0 < low < high < math.inf,
-        f"flat_damping '{name}': the band is {tuple(band)!r} Hz; give two positive frequencies, "
-        "the lower one first.",
-    )
     decades = math.log10(high / low)
     count = max(math.ceil(BRANCHES_A_DECADE * decades), 1) + 1
     candidates = 1 / (2 * math.pi * np.geomspace(low, high, count))

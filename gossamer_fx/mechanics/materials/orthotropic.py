@@ -53,15 +53,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import ufl
 from mpi4py import MPI
 from ufl.variable import Variable
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, is_vector
+from gossamer_fx.core.checks.arguments import NOT_ZERO, Count, check_arguments
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.bending import BendingStiffness, OrthotropicBending
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
@@ -76,8 +76,8 @@ from gossamer_fx.mechanics.materials.film import (
     StiffnessRatio,
 )
 
-Vector = Sequence[float]  # (3,)
-Direction = Vector | Mapping[str, Vector] | Callable[[Array], Array]
+NotZero = Annotated[Sequence[float], Count(3), NOT_ZERO]
+Direction = NotZero | Mapping[str, NotZero] | Callable[[Array], Array]
 
 # The C functions of these laws.
 HEADER = Path(__file__).parent / "kernels" / "orthotropic.h"
@@ -109,34 +109,13 @@ class AroundAxis:
         [0.0, 2.0, 0.0]
     """
 
-    axis: tuple[float, float, float]
+    axis: NotZero
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        check(
-            any(component != 0 for component in self.axis),
-            f"AroundAxis: axis is {tuple(self.axis)!r}; give a vector that is not zero.",
-        )
 
     def __call__(self, points: Array) -> Array:
         """The directions (3, n) at points (3, n)."""
         arms = points - np.array(self.point, dtype=float)[:, None]
         return np.cross(np.array(self.axis, dtype=float), arms.T).T
-
-
-def check_direction(law: str, given: Direction) -> None:
-    """Refuse a direction of axes of a law, by its class, that is not one; functions of points are
-    checked by films."""
-    if callable(given):
-        return
-    vectors = {"": given} if not isinstance(given, Mapping) else given
-    for group, vector in vectors.items():
-        where = f" in '{group}'" if group else ""
-        check(
-            is_vector(vector) and bool(np.any(vector)),
-            f"{law}: direction{where} is {vector!r}; "
-            "give a vector of three numbers that is not zero.",
-        )
 
 
 @check_arguments
@@ -188,7 +167,6 @@ class LinearOrthotropic(FilmLaw):
             "so that the stiffness is not positive definite; "
             f"give less than √(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
         )
-        check_direction(type(self).__name__, self.direction)
 
     @classmethod
     @check_arguments

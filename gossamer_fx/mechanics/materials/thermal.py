@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
-from numbers import Real
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.model.body import Array
 
 # Room temperature [K], at which most things are made.
@@ -22,7 +20,9 @@ MAX_ALPHA = 1e-2
 
 # A temperature [K] in space and time: a number, or a function of the points (3, n) and the time [s]
 # that returns (n,) or a number; or one of both for each of some groups of cells.
-InTime = float | Callable[[Array, float], Array]
+InTime = Annotated[float, not_negative("K")] | Callable[[Array, float], Array]
+Difference = float | Callable[[Array, float], Array]
+Alpha = Annotated[float, Range(-MAX_ALPHA, MAX_ALPHA, "1/K")]
 Temperature = InTime | Mapping[str, InTime]
 
 
@@ -65,35 +65,13 @@ class ThermalExpansion:
         2e-05
     """
 
-    alpha: float | tuple[float, float]
+    alpha: Alpha | tuple[Alpha, Alpha]
     temperature: Temperature | None = None
     _: KW_ONLY
     reference: Annotated[float, not_negative("K")] = ROOM_TEMPERATURE
-    gradient: Temperature | None = None
-
-    def __post_init__(self) -> None:
-        for alpha in self.alphas:
-            check(
-                abs(alpha) <= MAX_ALPHA,
-                f"ThermalExpansion: alpha is {alpha!r} 1/K; "
-                f"give at most {MAX_ALPHA:g}, e.g. 20e-6 for 20 parts per million and kelvin.",
-            )
-        for value in self._numbers():
-            check(
-                value >= 0,
-                f"ThermalExpansion: temperature is {value!r} K; "
-                "give an absolute temperature, not below 0 K.",
-            )
+    gradient: Difference | Mapping[str, Difference] | None = None
 
     @property
     def alphas(self) -> tuple[float, ...]:
         """The coefficients of expansion [1/K], one or two."""
         return tuple(float(alpha) for alpha in np.ravel(self.alpha))
-
-    def _numbers(self) -> list[float]:
-        """Those temperatures that are given as numbers."""
-        given = self.temperature
-        values: list[Any] = [given]
-        if isinstance(given, Mapping):
-            values = list(given.values())
-        return [float(value) for value in values if isinstance(value, Real)]

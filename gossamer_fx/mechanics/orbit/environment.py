@@ -11,12 +11,14 @@ from typing import Annotated, Literal
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.arguments import Range
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import Array, Vector, ask_numbers, check, is_vector, positive
 from gossamer_fx.mechanics.orbit.elements import Elements
 from gossamer_fx.mechanics.orbit.harmonics import (
     EARTH_MU,
     EARTH_RADIUS,
+    EGM_DEGREE,
     EGM_MU,
     SolidHarmonics,
     egm2008,
@@ -51,7 +53,7 @@ class Environment(Item):
         self,
         start: Elements | tuple[Vector, Vector],
         *,
-        gravity: str | int = "point",
+        gravity: Literal["point", "J2"] | Annotated[int, Range(2, EGM_DEGREE)] = "point",
         epoch: str | None = None,
         sun: Vector | SunHistory | None = None,
         third_bodies: Sequence[Literal["sun", "moon"]] = (),
@@ -59,7 +61,7 @@ class Environment(Item):
         mu: Annotated[float, positive("m³/s²")] | None = None,
         radius: Annotated[float, positive("m")] | None = None,
         pressure: Annotated[float, positive("N/m²")] = PRESSURE,
-        ut1_utc: float = 0.0,
+        ut1_utc: Annotated[float, Range(-0.9, 0.9, "s", above=True, below=True)] = 0.0,
         following: Annotated[float, positive("s")] = 1000.0,
         name: str = "orbit",
     ) -> None:
@@ -83,10 +85,6 @@ class Environment(Item):
         self._gravity = gravity
         self._epoch = epoch
         self._ut1_utc = ut1_utc
-        check(
-            gravity in ("point", "J2") or isinstance(gravity, int),
-            f"Orbit '{name}': gravity is {gravity!r}; give 'point', 'J2' or a degree of EGM2008.",
-        )
         self.shadow: Shadow = shadow
         self._harmonics: SolidHarmonics | None = None
         if gravity == "J2":
@@ -121,13 +119,6 @@ class Environment(Item):
         if isinstance(start, Elements):
             state = start.state(self.mu)
         else:
-            check(
-                isinstance(start, tuple | list)
-                and len(start) == 2
-                and all(is_vector(s) for s in start),
-                f"Orbit '{self.name}': start is {start!r}; "
-                "give Elements, or a position [m] and a velocity [m/s].",
-            )
             position, velocity = (np.asarray(s, dtype=float) for s in start)
             state = (position, velocity)
         distance = float(np.linalg.norm(state[0]))

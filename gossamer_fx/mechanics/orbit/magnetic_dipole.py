@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx import Frame
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import (
     Array,
@@ -18,8 +17,8 @@ from gossamer_fx.extend import (
     ask_numbers,
     check,
     check_arguments,
-    is_vector,
 )
+from gossamer_fx.mechanics.bodies.frames import FullFrame
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.flying_loads import FlyingPointLoad
 from gossamer_fx.mechanics.orbit.harmonics import Igrf
@@ -55,20 +54,17 @@ class MagneticDipole(Item):
     """
 
     def __init__(
-        self, frame: Frame, orbit: Orbit, *, moment: Vector | MomentHistory, name: str = "magnet"
+        self,
+        frame: FullFrame,
+        orbit: Orbit,
+        *,
+        moment: Vector | MomentHistory,
+        name: str = "magnet",
     ) -> None:
         self.frame = frame
         self.orbit = orbit
         self.moment = moment
         self.name = name
-        check(
-            isinstance(frame, Frame) and len(frame.directors) == 3,
-            f"'{name}' needs a frame with three directors; give that of a rigid body.",
-        )
-        check(
-            callable(moment) or is_vector(moment),
-            f"'{name}': moment is {moment!r} A m²; give three numbers or a function of time.",
-        )
         check(
             orbit.sky is not None,
             f"'{name}': the magnetic field turns with the Earth; give the orbit an epoch.",

@@ -13,6 +13,7 @@ import numpy as np
 import ufl
 from scipy import special
 
+from gossamer_fx.core.checks.arguments import Direction, Mark
 from gossamer_fx.extend import (
     Array,
     Expr,
@@ -27,6 +28,7 @@ from gossamer_fx.extend import (
 PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
 
 Share = Annotated[float, Range(0.0, 1.0)]
+ONE_SIDED = Mark(lambda optics: optics.other_side is None, "the optics of one side of a film")
 
 
 @check_arguments
@@ -63,15 +65,10 @@ class Optics:
     _: KW_ONLY
     emissivity: Share = 0.05
     lambertian: Share = 2 / 3
-    other_side: Optics | None = None
+    other_side: Annotated[Optics, ONE_SIDED] | None = None
 
     def __post_init__(self) -> None:
         back = self.other_side
-        check(
-            back is None or back.other_side is None,
-            "Optics: the other side has another side; "
-            "give the optics of the two sides of one film.",
-        )
         check(
             self.emissivity + (back or self).emissivity > 0 or self.reflectivity == 1,
             "Optics: a surface that absorbs must radiate; give a positive emissivity.",
@@ -317,14 +314,8 @@ class Surface:
     """
 
     area: Annotated[float, positive("m²")]
-    normal: Vector
+    normal: Direction
     _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     optics: Optics = MIRROR
     two_sided: bool = False
-
-    def __post_init__(self) -> None:
-        check(
-            bool(np.any(np.asarray(self.normal))),
-            "Surface: normal is zero; give the direction outward.",
-        )

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
-from gossamer_fx.extend import Assembly, State, Term, check, check_arguments
+from gossamer_fx.core.checks.lookups import check_in_scene
+from gossamer_fx.extend import Assembly, State, Term, check_arguments
 from gossamer_fx.mechanics.orbit.environment import Environment
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.relative_gravity import RelativeGravity
@@ -66,5 +67,5 @@ class Orbit(Environment):
 
     def flight(self, system: Assembly) -> Flight:
         """The flight of a compiled scene; `InputError` if the orbit is not in it."""
-        check(system in self._flights, f"'{self.name}' is not in the scene; add the orbit to it.")
+        check_in_scene(f"'{self.name}'", system in self._flights)
         return self._flights[system]

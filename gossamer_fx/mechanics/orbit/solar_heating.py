@@ -30,7 +30,6 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from gossamer_fx import Membrane
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import (
     Array,
@@ -56,6 +55,8 @@ from gossamer_fx.extend import (
     positive,
     thermal_strain_of,
 )
+from gossamer_fx.mechanics.bodies.membrane import FullFilm
+from gossamer_fx.mechanics.bodies.properties import cells_of_group
 from gossamer_fx.mechanics.orbit.film_heat import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.optics import Share
@@ -138,19 +139,10 @@ class ThermalProperties:
 
     heat_capacity: Annotated[float, positive("J/(m² K)")]
     _: KW_ONLY
-    absorptivity: float | tuple[float, float]
-    emissivity: float | tuple[float, float]
+    absorptivity: Share | tuple[Share, Share]
+    emissivity: Share | tuple[Share, Share]
 
     def __post_init__(self) -> None:
-        for what, values in (
-            ("absorptivity", self.absorptivities),
-            ("emissivity", self.emissivities),
-        ):
-            check(
-                all(0 <= value <= 1 for value in values),
-                f"ThermalProperties: {what} is {getattr(self, what)!r}; "
-                "give numbers between 0 and 1.",
-            )
         check(
             sum(self.emissivities) > 0 or sum(self.absorptivities) == 0,
             "ThermalProperties: the film absorbs and does not radiate; give a positive emissivity.",
@@ -200,7 +192,7 @@ class SolarHeating(Item):
 
     def __init__(
         self,
-        film: Membrane,
+        film: FullFilm,
         orbit: Orbit,
         properties: ThermalProperties,
         *,
@@ -223,11 +215,6 @@ class SolarHeating(Item):
         self.shadow_pixels = shadow_pixels
         self.name = name or f"heating of {film.name}"
         check(
-            film.full is film,
-            f"'{self.name}': the film '{film.name}' is a reduced one, whose triangles are samples; "
-            "heat the film itself.",
-        )
-        check(
             initial_temperature is not None or film.thermal is not None,
             f"'{self.name}': the temperature at the start is not known; "
             "give initial_temperature in K.",
@@ -245,10 +232,6 @@ class SolarHeating(Item):
     @check_arguments
     def balance(self, run: HasSystem) -> HeatBalance:
         """The heat balance of a run in its present state.  Collective."""
-        check(
-            run.system.unknowns in self._temperatures,
-            f"'{self.name}' is not in the scene; add it to the scene.",
-        )
         return self._temperatures[run.system.unknowns].balance()
 
 
@@ -313,12 +296,7 @@ class FilmTemperatures:
 
         table[:] = row(heating.properties)
         for group, properties in heating.groups.items():
-            dim, cells = self.film.mesh.group(group, f"'{self.film.name}'")
-            check(
-                dim == 2,
-                f"'{heating.name}': the group '{group}' has dimension {dim}; "
-                "name triangles of the mesh.",
-            )
+            cells = cells_of_group(self.film.mesh, group, f"'{heating.name}'")
             table[cells[cells < self._owned]] = row(properties)
         self._C = table[:, 0]
         self._absorptivities = table[:, 1:3]

@@ -27,6 +27,7 @@ from gossamer_fx.extend import (
     constant,
     not_negative,
 )
+from gossamer_fx.mechanics.bodies.properties import cells_of_group
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.flying_loads import (
     FacesForce,
@@ -165,11 +166,7 @@ def face_coefficients(
     rows = table.x.array.reshape(-1, 6)
     rows[:] = np.concatenate(both)
     for group, others in groups.items():
-        dim, cells = film.mesh.group(group, f"'{film.name}'")
-        check(
-            dim == 2,
-            f"'{name}': the group '{group}' has dimension {dim}; name triangles of the mesh.",
-        )
+        cells = cells_of_group(film.mesh, group, f"'{name}'")
         rows[cells] = np.concatenate([others.coefficients(back=side) for side in (False, True)])
     return [table[i] for i in range(3)], [table[i] for i in range(3, 6)]
 
@@ -177,10 +174,6 @@ def face_coefficients(
 def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Surface]) -> None:
     """Raise `InputError` unless the body of a load is a rigid body with surfaces or a film
     without."""
-    check(
-        isinstance(body, Membrane | RigidBody),
-        f"'{name}' acts on {body!r}; give a film or a rigid body.",
-    )
     if isinstance(body, RigidBody):
         check(bool(surfaces), f"'{name}': the rigid body '{body.name}' has no surfaces; give some.")
     else:

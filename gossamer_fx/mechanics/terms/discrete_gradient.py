@@ -67,13 +67,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import ufl
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.arguments import Range, check_arguments
+from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece, energy_gradient
 from gossamer_fx.mechanics.materials.film import CLaw
@@ -171,16 +171,9 @@ class PathAverage(StressRule):
         4
     """
 
-    points: int = 10
+    points: Annotated[int, Range(1)] = 10
     alpha = 0.5
     conserves = True
-
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        check(
-            self.points >= 1,
-            f"PathAverage: points is {self.points!r}; take at least one Gauss point.",
-        )
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
         """Mean stress S_mean of a step with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), averaged over the

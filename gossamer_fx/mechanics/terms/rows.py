@@ -39,7 +39,7 @@ from gossamer_fx.core.algebra.point_measures import (
     evaluated_here,
     refuse_ports_outside,
 )
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_midpoint
 from gossamer_fx.core.laws.law import Derivatives, Law, compile_law
 from gossamer_fx.core.laws.tracing import Number, at_most
 from gossamer_fx.core.model.body import Array, Port
@@ -772,11 +772,8 @@ class RowTerms(Differentiable, CompiledTerms["RowsOf[Any]"]):
         self._system = system
         self._terms = terms
         for term in terms:
-            check(
-                not (term.driven or term.needs_both_ends) or not system.rule.takes_mid_strain,
-                f"'{term.name}': its law has forces by the strains at the ends of a step; "
-                "run its scene with Midpoint.",
-            )
+            needs_ends = term.driven or term.needs_both_ends
+            check_midpoint(term.name, needs_ends and system.rule.takes_mid_strain)
         alike: dict[Any, list[RowsOf[Any]]] = {}
         for term in terms:
             alike.setdefault(term.kind, []).append(term)

@@ -35,7 +35,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rotations import perpendicular_pair, rotation_of
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Direction, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces
 from gossamer_fx.core.model.body import Array, Vector
@@ -132,7 +132,7 @@ def best_surface(
     *,
     surface: Surface = "plane",
     group: str = "",
-    axis: Vector = Z_AXIS,
+    axis: Direction = Z_AXIS,
     at: At = "end",
 ) -> BestSurface:
     """Find the plane, paraboloid or sphere that fits the deformed film best.  Collective.
@@ -442,7 +442,6 @@ def _best(samples: Samples, surface: Surface, axis: Vector) -> _Best:
     """The best surface of points, see `fit_surface`.  Collective."""
     designed = np.asarray(axis, dtype=float)
     length = float(np.linalg.norm(designed))
-    check(length > 0, "best_surface: the axis is zero; give the designed axis.")
     designed = designed / length
     on_a_line = (
         "best_surface: the points lie on a line, on which no surface is best; give a film with a "

@@ -621,10 +621,6 @@ def field_values(
         >>> float(abs(strain).max()) < 1e-12
         True
     """
-    check(
-        isinstance(body, MeshBody),
-        f"field_values: '{body.name}' has no mesh; ask for the fields of a film, cable or beam.",
-    )
     fields = FieldFunctions(state.system, body, [field], at=at)
     fields.update()
     function = fields.functions[0]

@@ -12,7 +12,7 @@ from dolfinx import fem
 
 from gossamer_fx.core.algebra.point_measures import evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.checks.short_repr import short_repr
 from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
@@ -232,10 +232,7 @@ class LineForces:
 def line_forces(system: System, connector: DrawnAsLines, at: At) -> LineForces:
     """Tensions of a connector in the last step, and lengths at its end.  Collective."""
     terms = system.unknowns.terms_of(connector)
-    check(
-        bool(terms),
-        f"'{connector.name}' is not in the scene; ask for a part that is in it.",
-    )
+    check_in_scene(f"'{connector.name}'", bool(terms))
     stored = [term for term in terms if isinstance(term, Rows) and term.stores]
     return _joined([_of_stored_energy(system, term, connector, at) for term in stored])
 

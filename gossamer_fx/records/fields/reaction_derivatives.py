@@ -30,6 +30,7 @@ from gossamer_fx.core.algebra.point_measures import (
     translation_weight,
 )
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_no_contact
 from gossamer_fx.core.model.body import Array, Port, Vector
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multiplier_rows
 from gossamer_fx.mechanics.terms.rows import CompiledRows, Rows
@@ -59,11 +60,7 @@ class ReactionDerivative:
             system.unknowns.rule.is_static,
             "Reaction: it has derivatives in an equilibrium only; ask for that of an Equilibrium.",
         )
-        check(
-            not system.equations.active_sets,
-            "Reaction: the scene has contact, with which its reactions have no derivative; leave "
-            "it out.",
-        )
+        check_no_contact(system, "Reaction", "with which its reactions have no derivative")
         check(
             about is None or not force.clamps,
             "Reaction: the moment of the clamped edge of a plate has no derivative; ask for its "

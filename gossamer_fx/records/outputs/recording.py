@@ -38,6 +38,8 @@ import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.checks.lookups import check_known
+from gossamer_fx.core.checks.relations import at_most_one
 from gossamer_fx.core.drawing import BOX_CORNERS, BOX_EDGES, Solid, box_surface
 from gossamer_fx.core.model.body import Array, Attached, Body, MeshBody, Port
 from gossamer_fx.mechanics.bodies.cable import Curve
@@ -179,7 +181,7 @@ FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 _END_TOLERANCE = 1e-12
 
 
-@check_arguments
+@check_arguments(at_most_one("interval", "every", "times"))
 class Recording(Continued):
     """Writes the folder of a run; see the module for its files.
 
@@ -241,11 +243,6 @@ class Recording(Continued):
         self.at: At = at
         self.schedule = Schedule.of("Recording", every, times, default=10)
         if interval is not None:
-            check(
-                every is None and not len(times),
-                f"Recording: interval is {interval!r} s, but there is every or times, too; "
-                "give one of them.",
-            )
             self.schedule = Schedule(interval=interval)
         # Time [s] of the last call of `record`, and multiples of the interval that had no record.
         self._since: float | None = None
@@ -377,11 +374,7 @@ class Recording(Continued):
         films = [body for body in run.system.unknowns.bodies if isinstance(body, Membrane)]
         names = [body.name for body in run.system.unknowns.bodies if isinstance(body, MeshBody)]
         for name in self.fields:
-            check(
-                name in names,
-                f"Recording '{self.folder}': the scene has no body '{name}' on a mesh; those are: "
-                f"{', '.join(names) or 'none'}.",
-            )
+            check_known(f"Recording '{self.folder}': the scene", "body on a mesh", name, names)
         self._solids = solids_of(run.system)
         self._fields = self._make_fields(run)
         self._tables = dict(self._make_tables(run, films))

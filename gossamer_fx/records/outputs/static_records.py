@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.arguments import RISING, Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.core.model.body import Array, Body, MeshBody
@@ -186,7 +185,7 @@ def record(
     equilibrium: Sought,
     outputs: Sequence[Output],
     *,
-    at: Sequence[float] = (),
+    at: Annotated[Sequence[float], RISING] = (),
     along: str = "load parameter",
 ) -> None:
     """Write equilibria to outputs, in the files of runs: for pictures, reports and other programs.
@@ -215,12 +214,6 @@ def record(
         >>> gx.plot.RunReader(folder / "held").about["kind"]
         'equilibrium'
     """
-    for before, after in pairwise(at):
-        check(
-            after > before,
-            f"record: `at` goes from {before:g} to {after:g}; give ascending values, and loads "
-            "that are functions of them.",
-        )
     check(bool(along.strip()), "record: along is empty; give the name of the load parameter.")
     equilibrium.axis = Axis.of(along)
     with OpenedOutputs(equilibrium, outputs) as opened:

@@ -9,14 +9,15 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import at_least, check_arguments
 from gossamer_fx.core.checks.csv_tables import safe_cells
 from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.core.checks.strange_files import open_file, open_to_write, write_new
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import (
@@ -328,17 +329,13 @@ class Probes(TableOutput):
     def __init__(
         self,
         path: str | Path,
-        probes: Mapping[str, Probe],
+        probes: Annotated[Mapping[str, Probe], at_least(1)],
         *,
         every: Every | None = None,
         times: Times = (),
     ) -> None:
         super().__init__(path, Schedule.of("Probes", every, times))
         self.probes = dict(probes)
-        check(
-            bool(self.probes),
-            f"Probes '{path}': there is none; give a dict of names and functions of the run.",
-        )
         for name in self.probes:
             check(
                 name not in ("time", "step"),
@@ -405,10 +402,7 @@ class Series(Output):
 
     def __getitem__(self, name: str) -> Array:
         """Values (n,) of a probe at the times of `time`; an unknown name is refused."""
-        check(
-            name in self.probes,
-            f"The series has no '{name}'; its names are: {', '.join(self.probes) or 'none'}.",
-        )
+        check_known("The series", "probe", name, self.probes)
         return self._column(1 + list(self.probes).index(name))
 
     def _column(self, k: int) -> Array:

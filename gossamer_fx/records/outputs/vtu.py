@@ -21,12 +21,12 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from dolfinx import fem
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, ends_in
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, MeshBody
@@ -88,7 +88,7 @@ class VTU(Continued):
 
     def __init__(
         self,
-        path: str | Path,
+        path: Annotated[str | Path, ends_in(".pvd")],
         body: MeshBody | None = None,
         *,
         fields: Sequence[str] = ("displacement",),
@@ -101,10 +101,6 @@ class VTU(Continued):
         self.fields = fields
         self.at: At = at
         self.schedule = Schedule.of("VTU", every, times)
-        check(
-            self.path.suffix == ".pvd",
-            f"VTU cannot write '{path}'; give a name that ends in .pvd.",
-        )
         self.last_time: float | None = None
         self._since: float | None = None  # time [s] of the last call of `record`
         self._entries: list[Entry] = []

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import Range, check_arguments
+from gossamer_fx.core.checks.arguments import Range, at_least, check_arguments, ends_in
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import NAMES, scaled_axis, scaled_unit
@@ -93,7 +93,7 @@ def field(
     run: RunReader,
     field: str,
     *,
-    times: Sequence[float],
+    times: Annotated[Sequence[float], at_least(1)],
     path: str | Path,
     view: View | None = None,
     limits: Limits = NO_LIMITS,
@@ -119,10 +119,6 @@ def field(
         >>> picture.is_file()
         True
     """
-    check(
-        bool(len(times)),
-        "There are no times of which to draw a picture; give one or more in seconds.",
-    )
     records = [run.record_at(time) for time in times]
     colours = colouring(run, field, limits, records)
     views = field_views(run, colours, records, view or View())
@@ -284,7 +280,7 @@ def captions(run: RunReader, records: Sequence[int], zooms: Sequence[float]) -> 
 
 @check_arguments
 def modes(
-    folders: Sequence[str | Path],
+    folders: Annotated[Sequence[str | Path], at_least(1)],
     path: str | Path,
     *,
     view: View | None = None,
@@ -313,7 +309,6 @@ def modes(
         >>> (folder / "vibrations.png").is_file()
         True
     """
-    check(len(folders) > 0, "There are no modes to draw; give the folders of one or more.")
     runs = [RunReader(one) for one in folders]
     for run in runs:
         check(
@@ -353,7 +348,7 @@ def animate(
     run: RunReader,
     field: str,
     *,
-    path: str | Path,
+    path: Annotated[str | Path, ends_in(".gif")],
     seconds: Annotated[float, Range(0.0, MAX_SECONDS, "s", above=True)] = 6.0,
     until: float | None = None,
     pixels: Annotated[int, Range(_MIN_ANIMATION_PIXELS, _MAX_ANIMATION_PIXELS)] = _ANIMATION_PIXELS,
@@ -385,10 +380,6 @@ def animate(
         True
     """
     path = file_to_write(path)
-    check(
-        path.suffix == ".gif",
-        f"An animation cannot be written to '{path}'; end its name in .gif.",
-    )
     run.require_fields()
     # No more frames than there are records, but the first and the last one in any case.
     first = float(run.times[0])

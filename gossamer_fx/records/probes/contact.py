@@ -9,8 +9,10 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.lookups import check_in_scene
+from gossamer_fx.core.checks.relations import each_once, some
 from gossamer_fx.core.forms.c_source import c_library
-from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns
+from gossamer_fx.core.model.body import WITH_NODES, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.contact.broad_phase.candidates import import_facets
 from gossamer_fx.mechanics.contact.contact import CompiledContact, Contact
@@ -236,7 +238,7 @@ class Penetrations:
         return float(run.comm.allreduce(len(find_intersections(mesh.surface, x, mesh.own_edges))))
 
 
-@check_arguments
+@check_arguments(some("bodies"), each_once("bodies"))
 class Crossings:
     """Number of edges of films that intersect a triangle of a film to which they are not connected.
 
@@ -256,17 +258,7 @@ class Crossings:
         ...     return gx.Series({"crossings": gx.probes.Crossings(film)})
     """
 
-    def __init__(self, *bodies: Membrane) -> None:
-        check(bool(bodies), "Crossings: there is no film; give one or several.")
-        for k, film in enumerate(bodies):
-            check(
-                not any(film is other for other in bodies[:k]),
-                f"Crossings: '{film.name}' is given twice.",
-            )
-            check(
-                has_nodal_unknowns(film),
-                f"Crossings: '{film.name}' is reduced, without triangles that meet; give the film.",
-            )
+    def __init__(self, *bodies: Annotated[Membrane, WITH_NODES]) -> None:
         self.bodies = bodies
         self._mesh = ForSystem(
             lambda system: CollisionMesh(
@@ -289,10 +281,7 @@ class Crossings:
         """
         system = run.system
         for film in self.bodies:
-            check(
-                any(film is body for body in system.unknowns.bodies),
-                f"'{film.name}' is not in the scene; add it, or remove its probe.",
-            )
+            check_in_scene(f"'{film.name}'", film in system.unknowns.bodies)
         c_library(HEADER, run.comm)
         mesh = self._mesh(system)
         x = mesh.points.at(system.unknowns.q0, system.unknowns.time)

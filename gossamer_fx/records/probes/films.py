@@ -11,11 +11,10 @@ from dolfinx import la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.arguments import Direction, check_arguments, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces
-from gossamer_fx.core.model.body import Vector
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.best_surface import (
@@ -246,7 +245,7 @@ class SurfaceError(Objective):
         *,
         quantity: Quantity = "rms",
         group: str = "",
-        axis: Vector = Z_AXIS,
+        axis: Direction = Z_AXIS,
         at: At = "end",
     ) -> None:
         cells_of(film, group)  # refuses a group that the mesh does not have

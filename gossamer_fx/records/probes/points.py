@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra.point_measures import attach, is_evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.core.model.state import HasSystem
@@ -206,7 +207,7 @@ class GasFlow:
         """The flow [kg/s], which is what the balance of both ends counts in the last step."""
         flows = gas_flows(run.system)
         name = self.opening.name
-        check(name in flows, f"'{name}' is not in the scene; add it, or remove its probe.")
+        check_in_scene(f"'{name}'", name in flows)
         return flows[name]
 
 
@@ -415,11 +416,8 @@ class RingArea:
         """The edges of the ring, which are found once in a scene and measured at every call."""
         from gossamer_fx.mechanics.gas.ring import Loop
 
-        check(
-            self.ring.body in system.unknowns.bodies,
-            f"'{self.ring.body.name}' is not in the scene; add it, or remove the probe of its "
-            "ring.",
-        )
+        body = self.ring.body
+        check_in_scene(f"'{body.name}'", body in system.unknowns.bodies)
         return Loop(self.ring, system.unknowns)
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import at_least, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, Port
-from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.bodies.frames import Frame, FullFrame
 from gossamer_fx.mechanics.terms.loads import PointLoads
 from gossamer_fx.records.probes.points import AXES, AxisName
 from gossamer_fx.solve.system.system import System
@@ -40,9 +40,7 @@ class AngularMomentum:
 
     unit = "kg m²/s"
 
-    def __init__(self, axis: AxisName, *, frame: Frame | None = None) -> None:
-        if frame is not None:
-            _check_three_axes("AngularMomentum", frame)
+    def __init__(self, axis: AxisName, *, frame: FullFrame | None = None) -> None:
         self.axis: AxisName = axis
         self.frame = frame
 
@@ -75,8 +73,7 @@ class Nutation:
 
     unit = "rad"
 
-    def __init__(self, frame: Frame) -> None:
-        _check_three_axes("Nutation", frame)
+    def __init__(self, frame: FullFrame) -> None:
         self.frame = frame
 
     def __call__(self, run: StateView) -> float:
@@ -86,14 +83,6 @@ class Nutation:
         # The angle from its sine and its cosine: the cosine alone has no digits of small ones.
         across = float(np.linalg.norm(np.cross(axis, momentum)))
         return math.atan2(across, float(axis @ momentum))
-
-
-def _check_three_axes(probe: str, frame: Frame) -> None:
-    """Raise `InputError` unless a frame of a probe has three directors."""
-    check(
-        len(frame.directors) == 3,
-        f"{probe}: the frame has no third axis; give one with three directors.",
-    )
 
 
 def angular_momentum_about_centre(run: StateView) -> Array:
@@ -250,9 +239,8 @@ class PolarPosition:
     """
 
     def __init__(
-        self, port: Port, frame: Frame, *, quantity: Literal["radius", "angle"] = "radius"
+        self, port: Port, frame: FullFrame, *, quantity: Literal["radius", "angle"] = "radius"
     ) -> None:
-        _check_three_axes("PolarPosition", frame)
         self.port = port
         self.frame = frame
         self.quantity = quantity
@@ -309,21 +297,19 @@ class Waves:
 
     def __init__(
         self,
-        ports: Sequence[Port],
-        frame: Frame,
+        ports: Annotated[Sequence[Port], at_least(3)],
+        frame: FullFrame,
         *,
         number: int,
         part: Literal["cosine", "sine"] = "cosine",
         quantity: Literal["height", "radius"] = "height",
     ) -> None:
         count = len(ports)
-        check(count >= 3, f"Waves: {count} points do not show waves; give at least 3.")
         check(
             0 <= number <= count // 2,
             f"Waves: {count} points cannot show {number} waves; give 0 to {count // 2}, or more "
             "points.",
         )
-        _check_three_axes("Waves", frame)
         self.ports = tuple(ports)
         self.frame = frame
         self.quantity = quantity
@@ -358,9 +344,7 @@ class Imbalance:
 
     unit = "1"
 
-    def __init__(self, ports: Sequence[Port], frame: Frame) -> None:
-        check(len(ports) >= 2, f"Imbalance: {len(ports)} points have none; give at least 2.")
-        _check_three_axes("Imbalance", frame)
+    def __init__(self, ports: Annotated[Sequence[Port], at_least(2)], frame: FullFrame) -> None:
         self.ports = tuple(ports)
         self.frame = frame
 

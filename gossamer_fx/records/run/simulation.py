@@ -33,6 +33,7 @@ from gossamer_fx.core.checks.ending import (
     agree_on_error,
 )
 from gossamer_fx.core.checks.errors import InputError, NotConverged, OutputFailure, check
+from gossamer_fx.core.checks.relations import at_most_one, only_with
 from gossamer_fx.core.model.state import Sampled
 from gossamer_fx.records.outputs.output import Output, begin, cursors_of
 from gossamer_fx.records.run.log import LOGGER
@@ -75,7 +76,10 @@ MAX_STEPS = 1e11
 HALVINGS = 8
 
 
-@check_arguments
+@check_arguments(
+    only_with("changes", "restart"),
+    at_most_one("control", "halvings", give="the control a min_step instead"),
+)
 class Simulation(SteppedRun):
     """A run of a scene in time.
 
@@ -143,13 +147,6 @@ class Simulation(SteppedRun):
         self.scene = scene
         self.stepper = stepper
         self.checkpoints = checkpoints
-        check(
-            restart is not None or not changes, "There are changes, but no restart; leave them out."
-        )
-        check(
-            control is None or halvings is None,
-            f"halvings is {halvings!r}, but the control divides steps; give it min_step instead.",
-        )
         self.comm = scene.comm
         started = time.perf_counter()
         self.system = scene.compile(stepper.rule)

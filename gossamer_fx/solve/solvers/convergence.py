@@ -38,8 +38,10 @@ from typing import Annotated
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
+
+# With a fraction of 1 or more, the first guess would already count as solved.
+Fraction = Annotated[float, Range(0.0, 1.0, below=True)]
 
 
 @check_arguments
@@ -74,20 +76,14 @@ class Tolerances:
         >>> stepper = gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-12))
     """
 
-    relative: Annotated[float, not_negative()] = 1e-10
+    relative: Fraction = 1e-10
     absolute: Annotated[float, not_negative("N")] = 0.0
     _: KW_ONLY
     floor: Annotated[float, not_negative()] = 4.0
-    energy: Annotated[float, not_negative()] = 1e-12
-    scalars: Annotated[float, not_negative()] = 1e-12
+    energy: Fraction = 1e-12
+    scalars: Fraction = 1e-12
     constraint: Annotated[float, not_negative()] = 1e-12
     max_iterations: Annotated[int, Range(1)] = 40
-
-    def __post_init__(self) -> None:
-        # With a fraction of 1 or more, the first guess would already count as solved.
-        for name in ("relative", "energy", "scalars"):
-            value = getattr(self, name)
-            check(value < 1, f"Tolerances: {name} is {value!r}; give a number below 1.")
 
 
 # A residual above this fraction of the one before no longer falls: it is round-off, provided that

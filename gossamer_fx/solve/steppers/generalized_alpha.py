@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import NotConverged, check
+from gossamer_fx.core.checks.lookups import check_no_contact
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.mechanics.terms.element_energies import ElementEnergies
 from gossamer_fx.solve.solvers import factorisation
@@ -79,11 +80,10 @@ class GeneralizedAlpha(Stepper):
         # The work of the contact force at the end of a step is not the change of a contact energy:
         # a film that falls on a floor came back to three times its true height, and the energy
         # balance was open.
-        check(
-            not system.equations.active_sets,
-            "GeneralizedAlpha: the scene has contact, "
-            "in which this method neither conserves energy nor reports what it loses; "
-            "use Midpoint, or leave the contact out.",
+        check_no_contact(
+            system,
+            "GeneralizedAlpha",
+            "in which this method neither conserves energy nor reports what it loses",
         )
         # Two bars that latch lost 0.24996 J instead of 0.25 J, and 5e-4 of their angular momentum.
         check(

@@ -54,6 +54,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, check
+from gossamer_fx.core.checks.relations import rising
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.steppers.stepping import (
     Carrier,
@@ -74,7 +75,7 @@ SAFETY_FACTOR = 0.9
 SMALLEST_STEP_RATIO = 1e-6
 
 
-@check_arguments
+@check_arguments(rising("min_step", "max_step"))
 @dataclass(frozen=True)
 class StepControl(Control):
     """Lets steps grow and shrink; the stepper's `dt` is the first step.
@@ -107,20 +108,9 @@ class StepControl(Control):
     target_iterations: Annotated[int, Range(1)] = 15
     error: Annotated[float, positive("m")] | None = None
     max_factor: Annotated[float, Range(1.0)] = 1.5
-    min_factor: Annotated[float, positive()] = 0.5
+    min_factor: Annotated[float, Range(0.0, 1.0, above=True, below=True)] = 0.5
     min_step: Annotated[float, positive("s")] | None = None
     max_step: Annotated[float, positive("s")] = math.inf
-
-    def __post_init__(self) -> None:
-        check(
-            self.min_factor < 1,
-            f"StepControl: min_factor is {self.min_factor!r}; give a number below 1.",
-        )
-        check(
-            self.min_step is None or self.min_step <= self.max_step,
-            f"StepControl: min_step is {self.min_step!r} s and max_step {self.max_step!r} s; "
-            "give a larger max_step.",
-        )
 
     def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:
         """The steps of a run of a compiled system, whose lengths this control chooses, the first of

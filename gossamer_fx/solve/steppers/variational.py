@@ -38,7 +38,7 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lookups import check_no_contact, check_no_gas
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import energy_gradient
 from gossamer_fx.mechanics.materials.film import CLaw
@@ -106,15 +106,10 @@ class VariationalMidpoint(Stepper):
         """The rule at work on a compiled system, which has no contact and no gas."""
         # Both have forces of a separate rule, which conserves energy: the steps would have no
         # discrete Lagrangian.
-        check(
-            not system.equations.active_sets,
-            "VariationalMidpoint: "
-            "the scene has contact, whose forces follow from both ends of a step; "
-            "use Midpoint, or leave the contact out.",
+        check_no_contact(
+            system, "VariationalMidpoint", "whose forces follow from both ends of a step"
         )
-        check(
-            not system.equations.scalar_unknowns,
-            "VariationalMidpoint: the scene has gas, "
-            "whose pressure follows from both ends of a step; use Midpoint, or leave the gas out.",
+        check_no_gas(
+            system, "VariationalMidpoint", "whose pressure follows from both ends of a step"
         )
         return MidpointSolver(system, self.tolerances)
