@@ -164,7 +164,7 @@ def test_thrown_beam_conserves() -> None:
     [
         (
             lambda: gx.sections.tube(0.01, 0.02, E=1e9, nu=0.3, density=1e3),
-            "not less than the outer radius",
+            r"wall_thickness is 0\.02 and outer_radius is 0\.01",
         ),
         (
             lambda: gx.Beam(

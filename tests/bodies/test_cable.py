@@ -269,7 +269,7 @@ def test_prestress_that_a_cable_cannot_have(comm):
     mesh = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
     with pytest.raises(gx.InputError, match="initial_tension is -5 N"):
         gx.Cable(mesh, gx.TensionOnly(1e3, 0.01), initial_tension=-5.0)
-    with pytest.raises(gx.InputError, match="length_factor and prestress are both given"):
+    with pytest.raises(gx.InputError, match="length_factor and initial_tension are both given"):
         gx.Cable(mesh, gx.CableLaw(1e3, 0.01), initial_tension=5.0, length_factor=0.9)
     with pytest.raises(gx.InputError, match="1000 N at most"):
         gx.Cable(mesh, gx.CableLaw(1e3, 0.01, strain="engineering"), initial_tension=1e3)

@@ -280,8 +280,14 @@ def test_damping_takes_its_first_stiffness(comm):
     ("changed", "words"),
     [
         ({"warp": ([0.01, 0.02], [0.0, 1.0])}, "warp begins at"),
-        ({"weft": ([0.0, 0.02, 0.01], [0.0, 1.0, 2.0])}, "weft do not rise"),
-        ({"shear": ([0.0, 0.02, 0.03], [0.0, 2.0, 1.0])}, "shear fall"),
+        (
+            {"weft": ([0.0, 0.02, 0.01], [0.0, 1.0, 2.0])},
+            "weft .*, whose number 3 does not fit",
+        ),
+        (
+            {"shear": ([0.0, 0.02, 0.03], [0.0, 2.0, 1.0])},
+            "shear .*, whose number 3 does not fit",
+        ),
         ({"shear": ([0.0, 0.02], [0.0, 0.0])}, "zero at the second point"),
         ({"warp": ([0.0, 0.02], [0.0, 1.0, 2.0])}, "equal length"),
         ({"contraction": 2.0}, "less than"),

@@ -143,9 +143,13 @@ def test_a_tape_with_a_table_bears_what_the_cable_bears() -> None:
 @pytest.mark.parametrize(
     ("strain", "force", "words"),
     [
-        ([0.0, 0.1, 0.1], [0.0, 1.0, 2.0], "strains do not rise from point 2"),
-        ([0.0, 0.1, 0.2], [0.0, 2.0, 1.0], "force falls from point 2"),
-        ([0.0, 0.1], [0.0, 1.0, 2.0], "two columns of equal length"),
+        ([0.0, 0.1, 0.1], [0.0, 1.0, 2.0], "whose number 3 does not fit"),
+        (
+            [0.0, 0.1, 0.2],
+            [0.0, 2.0, 1.0],
+            r"force is \[0\.0, 2\.0, 1\.0\], whose number 3 does not fit",
+        ),
+        ([0.0, 0.1], [0.0, 1.0, 2.0], "strain has 2 and force has 3 entries"),
         ([-1.2, 0.1], [-1.0, 1.0], "the strains go from -1.2"),
         ([0.1, 0.2], [0.0, 1.0], "the strains go from 0.1"),
         ([0.0, 0.2], [1.0, 2.0], "force at zero strain is 1 N"),

@@ -281,9 +281,9 @@ def reduced_film() -> gx.Scene:
     [
         (above_a_floor, "VariationalMidpoint: the scene has contact"),
         (blown_piston, "VariationalMidpoint: the scene has gas"),
-        (braked_tether, "'tether': its law has forces"),
+        (braked_tether, "'tether' has forces by the strains"),
         (in_orbit, "flies by the midpoint rule only"),
-        (reduced_film, "a reduced film has forces by its strains at the ends"),
+        (reduced_film, "'film' has forces by the strains at the ends"),
     ],
 )
 def test_what_has_no_discrete_lagrangian_is_refused(

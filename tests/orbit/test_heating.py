@@ -324,8 +324,8 @@ def test_steps_that_are_undone_take_their_heat_back(comm) -> None:
     ("arguments", "words"),
     [
         ({"heat_capacity": math.inf}, "heat_capacity"),
-        ({"absorptivity": 1.5}, "absorptivity is 1.5; give numbers between 0 and 1"),
-        ({"emissivity": (0.5, -0.1)}, "emissivity is (0.5, -0.1); give numbers between 0 and 1"),
+        ({"absorptivity": 1.5}, "absorptivity is 1.5; give a number between 0 and 1"),
+        ({"emissivity": (0.5, -0.1)}, "emissivity is (0.5, -0.1); give a number between 0 and 1"),
         ({"emissivity": 0.0}, "the film absorbs and does not radiate"),
         ({"absorptivity": (0.1, 0.2, 0.3)}, "absorptivity"),
     ],

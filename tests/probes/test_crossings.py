@@ -98,8 +98,8 @@ def test_a_fold_does_not_cross_itself(comm) -> None:
 @pytest.mark.parametrize(
     "call, words",
     [
-        (lambda: gx.probes.Crossings(), "give one or several"),
-        (lambda: gx.probes.Crossings(1), "give a Membrane"),
+        (lambda: gx.probes.Crossings(), r"bodies is \(\)"),
+        (lambda: gx.probes.Crossings(1), r"bodies\[0\] is 1"),
     ],
 )
 def test_what_has_no_crossings_is_refused(call, words: str) -> None:

@@ -140,7 +140,7 @@ def test_a_line_has_no_best_plane(comm) -> None:
         best(flat, "plane", group="left")
     with pytest.raises(gx.InputError, match="no group 'wing'"):
         best(flat, "plane", group="wing")
-    with pytest.raises(gx.InputError, match="axis is zero"):
+    with pytest.raises(gx.InputError, match=r"axis is \(0\.0, 0\.0, 0\.0\)"):
         best(flat, "plane", axis=(0.0, 0.0, 0.0))
 
 
@@ -213,7 +213,7 @@ def test_the_stiffness_of_a_tip_is_that_of_the_cantilever(comm) -> None:
     assert along == pytest.approx(section.EA, rel=1e-9)
     clamp = beam.port("start")
     assert math.isinf(gx.analysis.point_stiffness(scene, clamp))
-    with pytest.raises(gx.InputError, match="direction is zero"):
+    with pytest.raises(gx.InputError, match=r"direction is \(0, 0, 0\)"):
         gx.analysis.point_stiffness(scene, tip, direction=(0, 0, 0))
 
 

@@ -70,9 +70,7 @@ def recorded() -> tuple[gx.Membrane, gx.reduction.Snapshots]:
 def test_contact_of_a_reduced_sail_is_refused_and_its_pressure_zero(recorded) -> None:
     film, shapes = recorded
     reduced = gx.reduction.reduce(film, [shapes], modes=6)
-    with pytest.raises(
-        gx.InputError, match="is reduced, without nodes that touch; give the film itself"
-    ):
+    with pytest.raises(gx.InputError, match=r"bodies\[0\] is of the kind ReducedMembrane"):
         gx.Contact(reduced, distance=1e-3)
     fields = FieldFunctions(
         gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=0.1)).system, reduced, ["contact_pressure"]
@@ -293,7 +291,7 @@ def test_shapes_and_fields_that_a_reduced_film_cannot_have_are_told_in_one_sente
     _, strain = gx.fields.field_values(run, reduced, field="strain1")
     assert np.isfinite(strain).all()
     # These ended the program by memory faults.
-    with pytest.raises(gx.InputError, match="without triangles that meet"):
+    with pytest.raises(gx.InputError, match="give an unreduced film"):
         gx.probes.Crossings(reduced)
     air = gx.IdealGas(gamma=1.4, R=287.0)
     bag = gx.Chamber(reduced, gas=air, pressure=1.0, temperature=300.0, dead_volume=1.0)

@@ -233,13 +233,16 @@ def test_a_limit_of_what_is_zero_at_the_start(comm):
 def test_what_runs_do_not_give_is_refused(comm):
     with pytest.raises(gx.InputError, match="evaluate returned a float"):
         gx.analysis.minimise_runs(lambda values: 1.0, {"spring.stiffness": 30.0})
-    with pytest.raises(gx.InputError, match=r"no derivative by 'spring.length'"):
+    with pytest.raises(
+        gx.InputError,
+        match=r"the gradient has no derivative 'spring\.length'",
+    ):
         gx.analysis.minimise_runs(
             swing, {"spring.stiffness": 30.0, "spring.length": 1.0}, iterations=1
         )
     with pytest.raises(gx.InputError, match="has 2 values and its derivative has 1"):
         gx.analysis.minimise_runs(swing, {"spring.stiffness": [30.0, 31.0]})
-    with pytest.raises(gx.InputError, match="start is empty"):
+    with pytest.raises(gx.InputError, match=r"start is \{\}, of length 0"):
         gx.analysis.minimise_runs(swing, {})
 
 
@@ -253,7 +256,10 @@ def test_what_a_method_cannot_do_is_refused(comm):
         gx.analysis.Limit(gx.probes.StateArea(film, "slack"), high=1.0)
     with pytest.raises(gx.InputError, match="'blmvm' takes no limits"):
         gx.analysis.minimise(equilibrium, limits=limits, method="blmvm", **asked)
-    with pytest.raises(gx.InputError, match=r"basis has 'film\.E', which is not in by"):
+    with pytest.raises(
+        gx.InputError,
+        match=r"by, for the basis, has no name 'film\.E'; its names are: film\.thickness\.",
+    ):
         gx.analysis.minimise(equilibrium, basis={"film.E": [[1.0]]}, **asked)
     with pytest.raises(
         gx.InputError, match=r"the basis of 'film.thickness' has the shape \(1, 1\)"

@@ -153,17 +153,18 @@ def test_what_cannot_be_fitted_is_refused(comm):
     with pytest.raises(gx.InputError, match="returned 3 gradients; 2 values"):
         gx.analysis.fit_runs(line, start, measured=[0.0, 1.0])
     with pytest.raises(
-        gx.InputError, match=r"fit_runs: the gradient has no derivative by 'line.c'"
+        gx.InputError,
+        match=r"the gradient has no derivative 'line\.c'; its derivatives are: line\.a, line\.b\.",
     ):
         gx.analysis.fit_runs(line, start | {"line.c": 0.0}, measured=[0.0, 1.0, 2.0])
-    with pytest.raises(gx.InputError, match="uncertainties that are not positive"):
+    with pytest.raises(gx.InputError, match=r"uncertainty is 0\.0"):
         gx.analysis.fit_runs(line, start, measured=[0.0, 1.0, 2.0], uncertainty=0.0)
     equilibrium, results = hanging((1.3, 1.3, 1.3))
     with pytest.raises(gx.InputError, match="3 numbers are fitted to 2 results"):
         gx.analysis.fit(equilibrium, of=results[:2], measured=[0.0, 1.0], by=["ropes.lengths"])
     with pytest.raises(gx.InputError, match="there are 3 results and 2 measured values"):
         gx.analysis.fit(equilibrium, of=results, measured=[0.0, 1.0], by=["ropes.lengths"])
-    with pytest.raises(gx.InputError, match="of is empty"):
+    with pytest.raises(gx.InputError, match="of is \\[\\], of length 0"):
         gx.analysis.fit(equilibrium, of=[], measured=[], by=["ropes.lengths"])
 
 

@@ -179,7 +179,7 @@ def test_a_branch_is_chosen_by_a_probe(comm):
     made = equilibrium_paths.column(comm, 4)
     with pytest.raises(gx.InputError, match="'x' does not change along the branch"):
         gx.analysis.path(made.equilibrium, 1.2, first_step=0.3, probes=made.probes, branch="x")
-    with pytest.raises(gx.InputError, match="branch is 'up', which is not the name of a probe"):
+    with pytest.raises(gx.InputError, match=r"branch has no probe 'up'; its probes are: none\."):
         gx.analysis.path(made.equilibrium, 1.2, branch="up")
 
 

@@ -398,9 +398,12 @@ def test_what_is_not_supported_is_refused_by_name(comm):
         asked(frequencies=[found[0].frequency])
     with pytest.raises(gx.InputError, match="mode 1 has no damping"):
         random_response(equilibrium, found, of=of, density=1.0, band=(1, 9), loads=[push])
-    with pytest.raises(gx.InputError, match="either loads or a base_acceleration"):
+    with pytest.raises(
+        gx.InputError,
+        match=r"loads is of the kind list and base_acceleration is \(1\.0, 0\.0, 0\.0\)",
+    ):
         asked(base_acceleration=(1.0, 0.0, 0.0))
-    with pytest.raises(gx.InputError, match="either frequencies or a band"):
+    with pytest.raises(gx.InputError, match=r"frequencies is \[1\.0\] and band is \(1\.0, 2\.0\)"):
         asked(band=(1.0, 2.0))
     with pytest.raises(gx.InputError, match=r"'spring' \(Spring\) is not a load"):
         top = gx.Ground((0.0, 0.0, 0.0))
@@ -408,7 +411,7 @@ def test_what_is_not_supported_is_refused_by_name(comm):
     other = gx.PointMass(1.0, (0.0, 0.0, 0.0), comm=comm, name="other")
     with pytest.raises(gx.InputError, match="other"):
         asked(loads=[gx.Gravity(other)])
-    with pytest.raises(gx.InputError, match="'z' is function, which has no derivatives"):
+    with pytest.raises(gx.InputError, match="'z' is of the kind function; give"):
         asked(of={"z": lambda run: 1.0})
     spin = (0.0, 0.0, 1.0)
     turning = at_rest(*equilibrium.scene.items, gx.loads.Centrifugal(point, spin))

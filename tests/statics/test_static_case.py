@@ -86,7 +86,7 @@ def test_a_path_and_another_record_in_its_folder(comm, folder):
 
 
 def test_values_and_a_path_exclude_each_other(comm):
-    with pytest.raises(gx.InputError, match="leave one of them out"):
+    with pytest.raises(gx.InputError, match="at and path are both given"):
         stretched(comm, at=(1.0,), path={"until": 1.0})
 
 

@@ -113,7 +113,7 @@ def test_changes_that_are_meant_are_taken(folder: Path) -> None:
         run(3, scene(area=2e-6, force=(2.0, 0.0, 0.0)), restart=folder, changes=["valve"])
     after = run(3, scene(area=2e-6), restart=folder, changes=["valve"])
     assert after.step == 3 and abs(after.mass_error) <= 1e-14
-    with pytest.raises(gx.InputError, match="changes, but no restart"):
+    with pytest.raises(gx.InputError, match="changes is given without restart"):
         run(3, scene(), changes=["valve"])
 
 

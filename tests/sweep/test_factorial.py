@@ -55,7 +55,7 @@ def test_all_combinations_or_a_list() -> None:
 @pytest.mark.parametrize(
     "over, listed, words",
     [
-        ({}, False, "nothing to vary"),
+        ({}, False, r"over is \{\}, of length 0"),
         ({"a": []}, False, "give numbers or words"),
         ({"a": [[1.0]]}, False, "give numbers or words"),
         ({"a": [1, 1]}, False, "in the sweep twice"),

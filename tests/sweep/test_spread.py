@@ -99,8 +99,8 @@ def test_probes_of_a_case_are_its_quantities(folder: Path) -> None:
         ({"vary": {}}, "nothing to vary"),
         ({"vary": {"cells": [4]}}, "give its usual value and one or more others"),
         ({"vary": {"cells": [4, 4]}}, "give its usual value and one or more others"),
-        ({"vary": {"cells": [4, 6]}, "chance": ["nudge"]}, "'nudge', which is not varied"),
-        ({"vary": {"cells": [4, 6]}, "quantities": ["height"]}, "No run has a number 'height'"),
+        ({"vary": {"cells": [4, 6]}, "chance": ["nudge"]}, "vary has no factor 'nudge'"),
+        ({"vary": {"cells": [4, 6]}, "quantities": ["height"]}, "no number 'height'"),
     ],
 )
 def test_what_makes_no_spread_is_refused(options: dict, words: str) -> None:

@@ -217,7 +217,7 @@ RELATIONS: list[tuple[Relation, dict[str, Any], dict[str, Any], str]] = [
         as_many("a", "c"),
         {"a": [1]},
         {"a": [1], "c": [1, 2]},
-        "a has 1 and c has 2 entries; give as",
+        "a has 1 and c has 2 entries; give",
     ),
     (rising("a", "b"), {"a": 1, "b": 1}, {"a": 2, "b": 1}, "a is 2 and b is 1; give a larger b"),
     (below("a", "b"), {"a": 1}, {"a": 1, "b": 1}, "a is 1 and b is 1; give a larger b"),

@@ -127,13 +127,13 @@ def test_values_of_each_unit_have_axes_of_their_own(monkeypatch, folder):
 
 
 def test_what_is_refused():
-    with pytest.raises(gx.InputError, match="there are 1 meshes"):
+    with pytest.raises(gx.InputError, match=r"meshes is \[2\], of length 1"):
         convergence(float, meshes=[2])
     with pytest.raises(gx.InputError, match="the quantity 'value' is nan"):
         convergence(lambda n: math.nan, meshes=[2, 4])
     with pytest.raises(gx.InputError, match="the size of 'coarse' is not known"):
         convergence(lambda n: 1.0, meshes=["coarse", "fine"])
-    with pytest.raises(gx.InputError, match="give a positive number for each of the 2 meshes"):
+    with pytest.raises(gx.InputError, match="meshes has 2 and sizes has 1 entries"):
         convergence(lambda n: 1.0, meshes=["coarse", "fine"], sizes=[1.0])
 
 

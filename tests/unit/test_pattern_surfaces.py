@@ -269,7 +269,7 @@ def test_a_geodesic_goes_round_corners_of_the_rim_and_stays_on_its_part():
         apart.geodesics([[0.2, 0.2, 0]], [[0.8, 0.8, 0]])
     with pytest.raises(gx.InputError, match="are one point"):
         form.geodesics([[0.2, 0.2, 0]], [[0.2, 0.2, 0]])
-    with pytest.raises(gx.InputError, match="2 starts and 1 ends"):
+    with pytest.raises(gx.InputError, match="starts has 2 and ends has 1 entries"):
         form.geodesics([[0.2, 0.2, 0]] * 2, [[0.2, 0.2, 0]])
     with pytest.raises(gx.InputError, match="start 1 is"):
         form.geodesics([[0.2, 0.2, 1]], [[0.2, 0.2, 0]])

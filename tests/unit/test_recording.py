@@ -168,7 +168,7 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     with Image.open(tmp_path / "run.gif") as image:
         # Records every second step until half of the run.
         assert image.n_frames == 3 and image.size[0] < 0.9 * wide[0]
-    with pytest.raises(gx.InputError, match=r"end its name in \.gif\.$"):
+    with pytest.raises(gx.InputError, match=r"give a name that ends in \.gif"):
         gx.plot.animate(run, "state", path=tmp_path / "run.mp4")
 
 

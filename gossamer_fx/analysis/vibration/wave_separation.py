@@ -27,7 +27,7 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.arguments import RISING, check_arguments
+from gossamer_fx.core.checks.arguments import FLAT, RISING, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
@@ -61,7 +61,7 @@ class TravellingWaves:
 
 @check_arguments
 def travelling_waves(
-    time: Annotated[npt.ArrayLike, RISING], cosine: npt.ArrayLike, sine: npt.ArrayLike
+    time: Annotated[npt.ArrayLike, FLAT, RISING], cosine: npt.ArrayLike, sine: npt.ArrayLike
 ) -> TravellingWaves:
     """Separate forward from backward waves.
 

@@ -93,13 +93,20 @@ _NOT_COMPARED = RECEIVERS | {"progress"}
 class Mark:
     """Mark of an annotated value for which `holds` is true.
 
-    `sentence` is what messages ask for, where {kind} stands for the words of the type.
+    `sentence` is what messages ask for, where {kind} stands for the words of the type, and `flaw`
+    says more about a value that is refused.
     """
 
     unit: ClassVar[str] = ""
 
-    def __init__(self, holds: Callable[[Any], bool], sentence: str) -> None:
+    def __init__(
+        self,
+        holds: Callable[[Any], bool],
+        sentence: str,
+        flaw: Callable[[Any], str] = lambda value: "",
+    ) -> None:
         self.contains = holds
+        self.flaw = flaw
         self._sentence = sentence
 
     def __repr__(self) -> str:
@@ -172,8 +179,10 @@ def Count(entries: int) -> Mark:
 
 def at_least(entries: int) -> Mark:
     """Mark of an annotated list or mapping that has this number of entries or more."""
-    words = "{kind}, " + f"{_COUNTS.get(entries, entries)} or more"
-    return Mark(lambda value: len(value) >= entries, words)
+    words = "{kind}, with " + f"{_COUNTS.get(entries, entries)} or more entries"
+    return Mark(
+        lambda value: len(value) >= entries, words, lambda value: f", of length {len(value)}"
+    )
 
 
 def ends_in(*endings: str) -> Mark:
@@ -182,28 +191,28 @@ def ends_in(*endings: str) -> Mark:
     return Mark(lambda path: Path(os.fspath(path)).suffix.lower() in endings, words)
 
 
-class EntryMark(Mark):
-    """Mark of an annotated list whose entries all fit: `fits` returns one truth value for each
-    entry, or for each but the first.  Messages name the first entry that does not."""
+def _each(fits: Callable[[Any], Any], sentence: str) -> Mark:
+    """Mark of an annotated list whose entries all fit: `fits` returns a truth value for each entry,
+    or for each but the first.  Messages name the first entry that does not."""
 
-    def __init__(self, fits: Callable[[Any], Any], sentence: str) -> None:
-        super().__init__(lambda value: bool(np.all(fits(np.asarray(value)))), sentence)
-        self._fits = fits
-
-    def flaw(self, value: Any) -> str:
-        """What is wrong with a value, for a message."""
-        fits = np.atleast_1d(self._fits(np.asarray(value)))
-        number = int(np.argmin(fits)) + 1 + (np.size(value) - len(fits))
+    def flaw(value: Any) -> str:
+        each = np.atleast_1d(fits(np.asarray(value)))
+        number = int(np.argmin(each)) + 1 + (np.size(value) - len(each))
         return f", whose number {number} does not fit"
+
+    return Mark(lambda value: bool(np.all(fits(np.asarray(value)))), sentence, flaw)
 
 
 NOT_ZERO = Mark(lambda value: bool(np.any(value)), "{kind}, not all zero")
-POSITIVE = EntryMark(lambda value: value > 0, "{kind}, all of them positive")
-NOT_NEGATIVE = EntryMark(lambda value: value >= 0, "{kind}, none of them negative")
-RISING = EntryMark(lambda value: np.diff(value) > 0, "{kind}, in rising order")
-NOT_FALLING = EntryMark(lambda value: np.diff(value) >= 0, "{kind}, which do not fall")
+POSITIVE = _each(lambda value: value > 0, "{kind}, all of them positive")
+NOT_NEGATIVE = _each(lambda value: value >= 0, "{kind}, none of them negative")
+RISING = _each(lambda value: np.diff(value) > 0, "{kind}, in rising order")
+NOT_FALLING = _each(lambda value: np.diff(value) >= 0, "{kind}, which do not fall")
 DISTINCT = Mark(lambda value: len(set(value)) == len(value), "{kind}, all of them different")
-SAME_LENGTH = Mark(lambda columns: len(columns[0]) == len(columns[1]), "{kind}, as many of both")
+SAME_LENGTH = Mark(
+    lambda columns: len(columns[0]) == len(columns[1]),
+    "two columns of equal length, of two or more rising numbers and of numbers that do not fall",
+)
 FLAT = Mark(lambda value: np.ndim(value) == 1, "a list of numbers")
 # The lowest and the highest of some frequencies [Hz].
 Band = Annotated[Sequence[Annotated[float, positive("Hz")]], Count(2), RISING]
@@ -529,7 +538,7 @@ def _marked(kind: Kind, mark: Mark | Range) -> Kind:
     """The test of a kind, limited by a mark as well."""
 
     def flaw(value: Any) -> str:
-        if isinstance(mark, EntryMark) and kind.accepts(value):
+        if isinstance(mark, Mark) and kind.accepts(value) and not mark.contains(value):
             return mark.flaw(value)
         return kind.flaw(value)
 
@@ -556,7 +565,12 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
         kinds.append(kind)
     words = " or ".join(dict.fromkeys(kind.words for kind in kinds))
     unit = next((kind.unit for kind in kinds if kind.unit), "")
-    return Kind(lambda value: any(kind.accepts(value) for kind in kinds), words, unit)
+    return Kind(
+        lambda value: any(kind.accepts(value) for kind in kinds),
+        words,
+        unit,
+        lambda value: next(filter(None, (kind.flaw(value) for kind in kinds)), ""),
+    )
 
 
 def _tuple(hints: tuple[Any, ...]) -> Kind:
@@ -618,10 +632,16 @@ def _mapping(key: Any, value: Any) -> Kind:
             return False
         return values is None or all(map(values.accepts, given.values()))
 
+    def flaw(given: Any) -> str:
+        if values is None or not isinstance(given, Mapping):
+            return ""
+        wrong = next((key for key, one in given.items() if not values.accepts(one)), None)
+        return "" if wrong is None else f", where {wrong!r} is {shown_value(given[wrong])}"
+
     words = "a dict"
     if values is not None:
         words += f" whose values are each {values.words}"
-    return Kind(accepts, words)
+    return Kind(accepts, words, flaw=flaw)
 
 
 def _collection(entry: Any) -> Kind:

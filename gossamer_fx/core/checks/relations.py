@@ -130,7 +130,12 @@ def as_many(*arguments: str) -> Relation:
     """Lists that have the same number of entries, where they are given."""
 
     def complaint(given: Given) -> str:
-        counts = {one: len(given[one]) for one in arguments if not given.is_default(one)}
+        lists = {one: given[one] for one in arguments if not given.is_default(one)}
+        # What is not a list is refused elsewhere.
+        are_lists = all(
+            isinstance(one, Sized) and bool(getattr(one, "ndim", True)) for one in lists.values()
+        )
+        counts = {name: len(one) for name, one in lists.items() if are_lists}
         if len(set(counts.values())) <= 1:
             return ""
         listing = " and ".join(f"{one} has {count}" for one, count in counts.items())

@@ -97,7 +97,7 @@ def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
     )
 
 
-WITH_NODES = Mark(has_nodal_unknowns, "a film, cable or beam, not a reduced film")
+WITH_NODES = Mark(has_nodal_unknowns, "an unreduced film, cable or beam")
 NodalBody = Annotated[MeshBody, WITH_NODES]
 
 

@@ -14,7 +14,6 @@ from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
-from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.core.checks.user_functions import ask_points
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
@@ -57,7 +56,11 @@ def vary(
     may_vary = [what for what in LIMITS if hasattr(law, what)]
     choices = ["density"] if derived else may_vary
     for what, given in properties.items():
-        check_known(f"Membrane '{name}'", "varying property", what, choices)
+        check(
+            what in may_vary,
+            f"Membrane '{name}': there is no property {what!r} that may vary; "
+            f"choose from {', '.join(choices)}.",
+        )
         check(
             not derived or what == "density",
             f"Membrane '{name}': "

@@ -61,7 +61,7 @@ class Environment(Item):
         mu: Annotated[float, positive("m³/s²")] | None = None,
         radius: Annotated[float, positive("m")] | None = None,
         pressure: Annotated[float, positive("N/m²")] = PRESSURE,
-        ut1_utc: Annotated[float, Range(-0.9, 0.9, "s", above=True, below=True)] = 0.0,
+        ut1_utc: float = 0.0,
         following: Annotated[float, positive("s")] = 1000.0,
         name: str = "orbit",
     ) -> None:

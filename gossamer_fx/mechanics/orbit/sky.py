@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.extend import Array, InputError
+from gossamer_fx.extend import Array, InputError, check
 from gossamer_fx.mechanics.orbit.harmonics import EARTH_RADIUS
 
 # Astronomical unit, and radius of the Sun [m].
@@ -115,6 +115,7 @@ class Sky:
         if start.tzinfo is None:
             start = start.replace(tzinfo=UTC)
         self.start = start.astimezone(UTC)
+        check(abs(ut1_utc) < 0.9, f"ut1_utc is {ut1_utc!r} s; give a difference below 0.9 s.")
         erfa = _erfa()
         s = self.start
         seconds = s.second + s.microsecond * 1e-6

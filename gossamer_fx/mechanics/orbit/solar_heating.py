@@ -30,6 +30,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.lookups import check_in_scene
 from gossamer_fx.core.model.item import Item
 from gossamer_fx.extend import (
     Array,
@@ -232,7 +233,9 @@ class SolarHeating(Item):
     @check_arguments
     def balance(self, run: HasSystem) -> HeatBalance:
         """The heat balance of a run in its present state.  Collective."""
-        return self._temperatures[run.system.unknowns].balance()
+        unknowns = run.system.unknowns
+        check_in_scene(f"'{self.name}'", unknowns in self._temperatures)
+        return self._temperatures[unknowns].balance()
 
 
 def _of_faces(value: float | tuple[float, float]) -> tuple[float, float]:

@@ -181,7 +181,7 @@ FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 _END_TOLERANCE = 1e-12
 
 
-@check_arguments(at_most_one("interval", "every", "times"))
+@check_arguments(at_most_one("interval", "every"), at_most_one("interval", "times"))
 class Recording(Continued):
     """Writes the folder of a run; see the module for its files.
 

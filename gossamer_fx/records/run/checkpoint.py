@@ -59,7 +59,6 @@ from gossamer_fx.core.checks.errors import (
     on_rank_zero,
     write_on_all,
 )
-from gossamer_fx.core.checks.lookups import check_known
 from gossamer_fx.core.checks.strange_files import DAMAGED, check_inside, open_file
 from gossamer_fx.core.forms.backend import geometry_nodes
 from gossamer_fx.core.model.body import Array, Attached, Body, MeshBody, Port, has_nodal_unknowns
@@ -285,7 +284,10 @@ def compare(path: Path, there: Description, here: Description, changes: Sequence
     known = [*here["arguments"], *(event["name"] for event in here["events"].values())]
     # A misspelt name would let a difference pass as an error of the scene.
     for name in changes:
-        check_known("changes: the scene", "part", name, known)
+        check(
+            name in known,
+            f"changes holds '{name}', but the scene has no such part; it has: {', '.join(known)}.",
+        )
     for key, arguments in here["arguments"].items():
         if key not in changes:
             _refuse_difference(refusal, f"'{key}'", there["arguments"][key], arguments)
