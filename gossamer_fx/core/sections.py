@@ -99,7 +99,9 @@ def solid_circle(radius: Length, *, E: Modulus, nu: PoissonsRatio, density: Dens
     return _of_shape(E, nu, density, math.pi * radius**2, second, second, 2 * second, k)
 
 
-@check_arguments(below("wall_thickness", "outer_radius"))
+@check_arguments(
+    below("wall_thickness", "outer_radius", give="a thinner wall, or use solid_circle")
+)
 def tube(
     outer_radius: Length, wall_thickness: Length, *, E: Modulus, nu: PoissonsRatio, density: Density
 ) -> Section:

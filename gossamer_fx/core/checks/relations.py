@@ -144,24 +144,26 @@ def as_many(*arguments: str) -> Relation:
     return Relation(arguments, complaint)
 
 
-def rising(low: str, high: str) -> Relation:
-    """Numbers of which the second is not below the first, where both are given."""
+def rising(low: str, high: str, give: str = "") -> Relation:
+    """Numbers of which the second is not below the first, where both are given; `give` is the
+    remedy, by default a larger second one."""
 
     def complaint(given: Given) -> str:
         if given[low] is None or given[high] is None or given[low] <= given[high]:
             return ""
-        return f"{given.listed((low, high))}; give a larger {high}"
+        return f"{given.listed((low, high))}; give {give or f'a larger {high}'}"
 
     return Relation((low, high), complaint)
 
 
-def below(low: str, high: str) -> Relation:
-    """Numbers of which the first is less than the second, where both are given."""
+def below(low: str, high: str, give: str = "") -> Relation:
+    """Numbers of which the first is less than the second, where both are given; `give` is the
+    remedy, by default a larger second one."""
 
     def complaint(given: Given) -> str:
         if given[low] is None or given[high] is None or given[low] < given[high]:
             return ""
-        return f"{given.listed((low, high))}; give a larger {high}"
+        return f"{given.listed((low, high))}; give {give or f'a larger {high}'}"
 
     return Relation((low, high), complaint)
 

@@ -88,7 +88,10 @@ def braked_rope(e0: Any, e1: Any, z0: Any, h: Number, numbers: Any) -> Response:
     )
 
 
-@check_arguments(exactly_one("length", "initial_tension"), rising("initial_tension", "brake_force"))
+@check_arguments(
+    exactly_one("length", "initial_tension"),
+    rising("initial_tension", "brake_force", give="a brake_force at which it does not slip"),
+)
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tether(LineBetween):
     """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L,
