@@ -63,7 +63,7 @@ from demos.studies import (
 )
 from demos.studies.engine.study import NOT_REGULAR, NOT_STABLE, Measure, Study, search_figures
 from demos.studies.equilibrium_paths import RADIUS, octant
-from gossamer_fx.extend import Array, FilmLaw, Obstacle, Result
+from gossamer_fx.extend import Array, FilmLaw, Item, Obstacle, Result
 from gossamer_fx.meshes.sheet import sheet
 
 Figures = dict[str, float]
@@ -241,10 +241,10 @@ def laid(edge: float, angle: float, height: float) -> Callable[[Array], Array]:
 
 
 def dropped(
-    films: list[gx.Membrane], obstacles: Sequence[Obstacle], *items: gx.Item
+    films: list[gx.Membrane], obstacles: Sequence[Obstacle], *items: Item
 ) -> tuple[gx.Simulation, gx.Contact]:
     """Sheets that are about to fall on obstacles, with further items of the scene."""
-    forces: list[gx.Item] = []
+    forces: list[Item] = []
     for film in films:
         forces.append(gx.Gravity(film, (0.0, 0.0, -G)))
         forces.append(gx.Damping(film, stiffness_factor=1e-3, name=f"damping of {film.name}"))

@@ -131,7 +131,7 @@ def test_caps_keep_the_ends_straight(comm) -> None:
     "options, words",
     [
         ({"crease_stiffness": 1e-3}, "creases are at fold lines; give the folds"),
-        ({"caps": {"tip": 0.0}}, "caps is {'tip': 0.0}; give"),
+        ({"caps": {"tip": 0.0}}, "caps is {'tip': 0.0}, where 'tip' is 0.0; give"),
         ({"caps": {"end": gx.RigidBody(1.0, (1e-3, 1e-3, 1e-3))}}, "no group 'end'"),
         ({"clamp": "nowhere"}, "no group 'nowhere'"),
     ],

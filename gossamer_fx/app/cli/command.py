@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from gossamer_fx.core.checks.lookups import check_file
 from gossamer_fx.core.checks.shown import shown
 from gossamer_fx.version import VERSION
 
@@ -629,6 +628,7 @@ def _case(
 
     from gossamer_fx.app.cli.user_files import build_of, check_arguments_of, guarded, load, option
     from gossamer_fx.core.checks.errors import InputError, check
+    from gossamer_fx.core.checks.lookups import check_file
     from gossamer_fx.records.run.case import Case, all_arguments
 
     path: Path = wanted.scene
@@ -680,6 +680,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.app.cli.user_files import guarded, load
     from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
     from gossamer_fx.core.checks.errors import InputError, check
+    from gossamer_fx.core.checks.lookups import check_file
 
     path: Path = wanted.design
     check_file(path, "file", "give a scene file with --over, or a file with a SWEEP")
