@@ -147,17 +147,26 @@ def ribbon(
     return film, gx.connectors.Tape.along_edges(film, law, edges="bottom", name="cord")
 
 
-@pytest.mark.mpi
-def test_equilibria_follow_a_scaled_curve() -> None:
-    """To 2 %, back to 1.6 %, and on to 2.8 %."""
-    film, cord = ribbon(SCALED)
+def drawn_out(
+    law: gx.TabulatedCable, strains: list[float]
+) -> tuple[gx.Equilibrium, Any, gx.Fixed]:
+    """The ribbon at rest, whose right end is held at these strains at the times 0, 1, 2, ...; its
+    cord, and the support that holds it."""
+    film, cord = ribbon(law)
 
     def pull(X: np.ndarray, t: float) -> np.ndarray:
-        strain = np.interp(t, range(4), [0.0, 0.02, 0.016, 0.028])
+        strain = np.interp(t, range(len(strains)), strains)
         return np.vstack([strain * X[0], 0 * X[0], 0 * X[0]])
 
     right = gx.Fixed(film, "right", motion=pull)
-    statics = gx.Equilibrium(gx.Scene(film, cord, gx.Fixed(film, "left"), right))
+    scene = gx.Scene(film, cord, gx.Fixed(film, "left"), right)
+    return gx.Equilibrium(scene), cord, right
+
+
+@pytest.mark.mpi
+def test_equilibria_follow_a_scaled_curve() -> None:
+    """To 2 %, back to 1.6 %, and on to 2.8 %."""
+    statics, _, right = drawn_out(SCALED, [0.0, 0.02, 0.016, 0.028])
     forces = []
     for k in range(1, 4):
         statics.find(at=float(k))
@@ -170,14 +179,7 @@ def test_equilibria_follow_a_scaled_curve() -> None:
 def test_equilibria_follow_both_curves() -> None:
     """To 2.5 %, back to 2 %, to 2.2 %, and on to 2.8 %: forces of the curves, whatever the
     pseudo-steps, and the loss of loading."""
-    strains = [0.0, 0.025, 0.02, 0.022, 0.028]
-    film, cord = ribbon(CORD)
-
-    def pull(X: np.ndarray, t: float) -> np.ndarray:
-        return np.vstack([np.interp(t, range(5), strains) * X[0], 0 * X[0], 0 * X[0]])
-
-    right = gx.Fixed(film, "right", motion=pull)
-    statics = gx.Equilibrium(gx.Scene(film, cord, gx.Fixed(film, "left"), right))
+    statics, cord, right = drawn_out(CORD, [0.0, 0.025, 0.02, 0.022, 0.028])
     forces = []
     for k in range(1, 5):
         statics.find(at=float(k))

@@ -598,9 +598,7 @@ class Stow(Group, Sampled):
     def box(self, run: HasSystem) -> Array:
         """Sizes (3,) [m] of the box around the film in a run: along the projection of x on the
         floor, across it, and upwards.  Collective."""
-        state = run.system.unknowns.state
-        points = np.concatenate([state[film].positions() for film in self.films])
-        points = points @ self._plan.axes.T
+        points = self._positions(run)
         low = np.min(self._plan.comm.allgather(points.min(axis=0, initial=np.inf)), axis=0)
         high = np.max(self._plan.comm.allgather(points.max(axis=0, initial=-np.inf)), axis=0)
         return np.asarray(high - low)
@@ -612,10 +610,15 @@ class Stow(Group, Sampled):
         made = [fold for fold in self._plan.folds if fold.end <= run.system.unknowns.time]
         if not made:
             return 0.0
+        behind = -made[-1].distance(self._positions(run)[:, :2]) - made[-1].bend
+        return max(self._plan.comm.allgather(float(behind.max(initial=0.0))))
+
+    def _positions(self, run: HasSystem) -> Array:
+        """Positions (n, 3) [m] of this rank's nodes of all films, along the axes of the floor and
+        upwards."""
         state = run.system.unknowns.state
         points = np.concatenate([state[film].positions() for film in self.films])
-        behind = -made[-1].distance(points @ self._plan.axes[:2].T) - made[-1].bend
-        return max(self._plan.comm.allgather(float(behind.max(initial=0.0))))
+        return np.asarray(points @ self._plan.axes.T)
 
     def before_step(self, run: HasSystem, h: float) -> float:
         """Warn once of each fold that has slipped.  Collective."""
