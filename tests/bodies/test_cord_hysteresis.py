@@ -147,9 +147,7 @@ def ribbon(
     return film, gx.connectors.Tape.along_edges(film, law, edges="bottom", name="cord")
 
 
-def drawn_out(
-    law: gx.TabulatedCable, strains: list[float]
-) -> tuple[gx.Equilibrium, Any, gx.Fixed]:
+def drawn_out(law: gx.TabulatedCable, strains: list[float]) -> tuple[gx.Equilibrium, Any, gx.Fixed]:
     """The ribbon at rest, whose right end is held at these strains at the times 0, 1, 2, ...; its
     cord, and the support that holds it."""
     film, cord = ribbon(law)
